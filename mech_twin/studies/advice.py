@@ -5,7 +5,7 @@ r"""State machine of an advice: offered, accepted, on trial, then kept or revert
 
     idle --offer--> offered --accept--> trial --gain came--> idle (kept)
                        |                  |\--gain did not come, fault, silence, stop--> idle (reverted)
-                       |                  \--another changes the output--> idle
+                       |                  \--another changes the output, or the machine refuses--> idle
                        \--reject, expiry, fault, another changes the output--> idle
 
 Nothing is sent without acceptance.  A value that is sent lies in the declared range and at most a share of the range
@@ -219,6 +219,12 @@ def overruled(state: AdviceState, time_s: float) -> AdviceStep:
     after = _idle(state)._replace(changed_s=time_s, is_kept=False)
     reason = "another has changed the output"
     return AdviceStep(after, None if state.phase == "idle" else Decision(time_s, "withdrawn", reason))
+
+
+def not_taken(state: AdviceState, time_s: float, reason: str) -> AdviceStep:
+    """Return the state after the machine has refused the value of a trial: it has the one before."""
+    decision = Decision(time_s, "withdrawn", f"the machine refuses the value: {reason}")
+    return AdviceStep(_idle(state), decision) if state.phase == "trial" else AdviceStep(state)
 
 
 def ended(state: AdviceState, time_s: float, reason: str = "the advisor ends") -> AdviceStep:

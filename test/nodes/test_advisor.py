@@ -16,21 +16,32 @@ import numpy as np
 import pytest
 import yaml
 from bench_run import ShadowBench
+from builtin_interfaces.msg import Time
 from catalogue import built
 from command_line import mech_twin
 from diagnostic_msgs.msg import DiagnosticStatus
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from std_msgs.msg import Float64
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, Header
 from std_srvs.srv import SetBool
 
+from mech_twin.capabilities.variation import varied
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.messages.topics import DATA, DECISIONS, LATCHED, RECOMMENDATION, full_name
 from mech_twin.nodes.exchange.spinner import Spinner, destroy_nodes
 from mech_twin.nodes.shadow.advisor_node import AdvisorNode
 from mech_twin.nodes.shadow.inputs import StampOrigin
-from mech_twin.nodes.shadow.session import Company, nodes_beside
+from mech_twin.nodes.shadow.session import (
+    Company,
+    FreeKeys,
+    ShadowRecorder,
+    follow_setting,
+    nodes_beside,
+    record_decisions,
+)
 from mech_twin.nodes.shadow.shadow_node import ShadowNode, ShadowSetup
 from mech_twin.studies.advice import AdviceOutput, AdviceWish, Recommendation, offered
 from mech_twin.studies.advice_search import COMMAND
@@ -262,6 +273,73 @@ def test_a_live_parameter_that_another_changes_ends_an_offer_and_is_where_the_ne
         destroy_nodes([advisor])
         for other in others:
             other.destroy_node()
+
+
+def test_the_decision_by_which_an_advisor_ends_is_recorded(tmp_path: Path) -> None:
+    wish = AdviceWish.model_validate({**WISH, "dry_run": False})
+    with ShadowBench(NAME, MAP, Company(advice=wish, record=tmp_path / "bag")) as bench:
+        advisor, recorder = bench.of(AdvisorNode), bench.of(ShadowRecorder)
+        name = full_name(NAME, DECISIONS)
+        machine = bench.client.create_publisher(JointState, "/plant/joint_states", 10)
+        bench.until(lambda: advisor.count_subscribers(name) > 0 and machine.get_subscription_count() > 0)
+        for place in range(5):  # the machine's time is known
+            machine.publish(JointState(header=Header(stamp=Time(nanosec=10_000_000 * place))))
+        bench.until(lambda: recorder.admission.clock.now_ns is not None)
+        advisor._take(offered(advisor.state, ADVICE, 1.0))
+        assert advisor.accept()[0]
+        record_decisions(bench.spinner, bench.nodes)
+        assert advisor.state.phase == "idle"
+        assert recorder.received[name] == 3  # offered, accepted, reverted
+
+
+def test_a_value_that_the_machine_refuses_ends_its_trial_in_the_machines_words(ros: None) -> None:
+    key, columns = "friction.coulomb_nm", ("linkage.crank.position", "linkage.crank.effort")
+    output = AdviceOutput(key=key, low=0.0, high=8.0, value=0.0)
+    wish = AdviceWish.model_validate({**WISH, "output": output, "dry_run": False})
+    advisor, machine, told = (
+        AdvisorNode(NAME, wish, "/plant", columns, StampOrigin()),
+        Node("linkage", namespace="plant"),
+        [],
+    )
+    machine.create_subscription(DiagnosticStatus, f"/{NAME}/{DECISIONS.name}", told.append, DATA)
+    try:
+        machine.declare_parameter(key, 0.0)
+        machine.add_on_set_parameters_callback(lambda _: SetParametersResult(successful=False, reason="too fast"))
+        advice = ADVICE._replace(key=key, value=0.0, proposed=1.0, low=0.0, high=8.0)
+        advisor._take(offered(advisor.state, advice, 1.0))
+        with Spinner([advisor, machine]) as spinner:
+            end_s = time.monotonic() + 20.0
+            spinner.until(lambda: advisor.count_subscribers(DECISIONS.name) > 0 or time.monotonic() > end_s)
+            assert advisor.accept()[0]
+            said = "withdrawn: the machine refuses the value: too fast"
+            spinner.until(lambda: said in [each.message for each in told] or time.monotonic() > end_s)
+        assert told[-1].message == said
+        assert (advisor.state.in_force, advisor._value) == (False, 0.0)
+    finally:
+        destroy_nodes([advisor])
+        machine.destroy_node()
+
+
+def test_a_live_parameter_that_is_changed_at_the_machine_is_that_of_the_model_too(ros: None) -> None:
+    key, other = "friction.coulomb_nm", Node("linkage", namespace="plant")
+    shadow = ShadowNode(NAME, ShadowSetup("/plant", MAP))
+    nodes = [shadow, *nodes_beside(NAME, shadow, shadow.initial_parameters, Company(free=FreeKeys((key,), {})))]
+    before, model = shadow.observer, shadow.model
+    try:
+        for name in (key, "run.step_count"):
+            other.declare_parameter(name, 0.0)
+        with Spinner([*nodes, other]) as spinner:
+            other.set_parameters([Parameter("run.step_count", value=4.0), Parameter(key, value=5.0)])
+            end_s = time.monotonic() + 30.0
+            spinner.until(lambda: shadow.observer is not before or time.monotonic() > end_s)
+        assert shadow.model == varied(model, {key: 5.0})
+        assert shadow.observer is not before
+        assert nodes[1].model == shadow.model
+        follow_setting(nodes, key, -5.0)
+        assert shadow.model == varied(model, {key: 5.0})
+    finally:
+        destroy_nodes(nodes)
+        other.destroy_node()
 
 
 def test_an_advice_after_a_restart_of_the_machine_needs_not_wait_for_a_change_before_it(advisor: AdvisorNode) -> None:

@@ -12,6 +12,7 @@ from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
 import numpy as np
+from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from std_msgs.msg import Float64
@@ -32,6 +33,7 @@ from mech_twin.studies.advice import (
     accepted,
     after_machine_cycle,
     ended,
+    not_taken,
     offered,
     overruled,
     rejected,
@@ -107,9 +109,20 @@ class AdvisorNode(TwinNode):
 
         def set_parameter(value: float) -> object:
             parameters = [Parameter(key, value=value).to_parameter_msg()]
-            return client.call_async(SetParameters.Request(parameters=parameters))
+            answer = client.call_async(SetParameters.Request(parameters=parameters))
+            answer.add_done_callback(lambda done: self._on_answer(value, done.result().results[0]))
+            return answer
 
         return set_parameter
+
+    def _on_answer(self, value: float, result: SetParametersResult) -> None:
+        """End a trial whose value the machine refuses."""
+        if result.successful:
+            return
+        self.get_logger().error(f"the machine refuses {self.wish.output.key} = {value:.6g}: {result.reason}")
+        if self.state.phase == "trial" and self.state.advice is not None:
+            self._value = self.state.advice.value
+            self._take(not_taken(self.state, self._now_s, result.reason))
 
     def observe(self, sample: SeenSample) -> None:
         """Update with a sample of the machine."""

@@ -137,6 +137,13 @@ class IdentifierNode(TwinNode):
         if self._fit is not None:
             self._fit.end()
 
+    def begin_anew(self, parameters: Parameters) -> None:
+        """Forget what was measured and found: a setting of the machine is another."""
+        self.close()
+        self.model, self.found, self.text, self._fit = parameters, None, "", None
+        self.phase, self.status_line = "idle", "a live parameter of the machine has changed"
+        self.recent.forget()
+
     def _take(self, message: str | Exception | Identification) -> None:
         if isinstance(message, str):
             self.status_line = message

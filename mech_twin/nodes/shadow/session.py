@@ -10,17 +10,31 @@ from contextlib import ExitStack
 from functools import partial
 from itertools import chain, count
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import rclpy
+from pydantic import ValidationError
 from rclpy.signals import SignalHandlerOptions
 
+from mech_twin.capabilities.variation import varied
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.messages.topics import DIAGNOSTICS, ESTIMATED, EVERY, RESIDUALS, TWIN, Topic, shadow_topics, type_name
+from mech_twin.messages.topics import (
+    DECISIONS,
+    DIAGNOSTICS,
+    ESTIMATED,
+    EVERY,
+    RESIDUALS,
+    TWIN,
+    Topic,
+    shadow_topics,
+    type_name,
+)
 from mech_twin.nodes.exchange.base_node import TwinNode, sent_messages
 from mech_twin.nodes.exchange.hand_over import Handed, ReceivedBytes
+from mech_twin.nodes.exchange.parameter_bridge import watch_parameters
 from mech_twin.nodes.exchange.spinner import Spinner, destroy_nodes
+from mech_twin.nodes.roles.recorder_node import REPAIR_S
 from mech_twin.nodes.run.domain import ros_arguments, run_namespace
 from mech_twin.nodes.run.name_guard import NameGuard
 from mech_twin.nodes.shadow.advisor_node import AdvisorNode
@@ -29,6 +43,7 @@ from mech_twin.nodes.shadow.inputs import Admitted, FollowedTopic, StampGate
 from mech_twin.nodes.shadow.monitor_node import AlertOutlet, MonitorNode
 from mech_twin.nodes.shadow.shadow_node import ShadowNode, ShadowSetup
 from mech_twin.parameters.description import description_text
+from mech_twin.parameters.live_change import live_numbers
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.process.interruption import StopSignal
 from mech_twin.recording.bag_contents import RecentMessage, RecentMessages, stamp_ns
@@ -353,12 +368,24 @@ def follow(
         end_s = time.monotonic() + duration_s if duration_s > 0.0 else float("inf")
         with Spinner(nodes) as spinner:
             spinner.serve(lambda: signal.asked or time.monotonic() > end_s)
+            record_decisions(spinner, nodes)
         node.report()
         boxes = [each for each in nodes if isinstance(each, BlackBox)]
         bags = tuple(bag for box in boxes for bag in box.bags)
         failed = tuple(line for box in boxes for line in box.failed)
         values = {name: value for each in nodes for name, value in each.diagnostic_values().items()}
         return ShadowOutcome(values, sent_messages(nodes), bags, failed, node.silent_topics)
+
+
+def record_decisions(spinner: Spinner, nodes: Sequence[TwinNode]) -> None:
+    """End the trial of an advisor, and wait until the recorder has its decisions, which may be sent again."""
+    recorders = [each for each in nodes if isinstance(each, ShadowRecorder)]
+    advisor = next((each for each in nodes if isinstance(each, AdvisorNode)), None)
+    if advisor is not None:
+        advisor.close()
+        name, end_s = advisor.resolve_topic_name(DECISIONS.name), time.monotonic() + REPAIR_S
+        sent = sent_messages([advisor])[name]
+        spinner.until(lambda: all(each.received[name] >= sent for each in recorders) or time.monotonic() > end_s)
 
 
 def nodes_beside(machine_name: str, node: ShadowNode, parameters: Parameters, company: Company) -> list[TwinNode]:
@@ -398,7 +425,26 @@ def nodes_beside(machine_name: str, node: ShadowNode, parameters: Parameters, co
     node.at_message += [each.hear for each in found if isinstance(each, ShadowListener)]
     if identifier is not None:
         identifier.at_taken = [each.adopt for each in (node, *found)]  # the monitor's reference is unchanged
+    watch_parameters(node, node.setup.namespace, partial(follow_setting, (node, *found)))
     return found
+
+
+def follow_setting(nodes: Sequence[TwinNode], key: str, value: Any) -> None:
+    """Let the model of a shadow, the first of these nodes, have a live parameter that was changed at the machine."""
+    shadow = nodes[0]
+    assert isinstance(shadow, ShadowNode)
+    if live_numbers(shadow.model).get(key, value) == value:  # none of the model's, or no change
+        return
+    try:
+        model = varied(shadow.model, {key: value})
+    except ValidationError:
+        shadow.get_logger().warning(f"the model cannot have the machine's new {key}, {value}")
+        return
+    shadow.get_logger().info(f"the machine's {key} is now {value}, and so is the model's")
+    for each in nodes:
+        each.adopt(model)
+        if isinstance(each, IdentifierNode):
+            each.begin_anew(model)
 
 
 def feed(node: ShadowNode, beside: AdvisorNode | IdentifierNode) -> None:

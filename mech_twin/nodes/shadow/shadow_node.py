@@ -219,7 +219,8 @@ class ShadowNode(TwinNode):
     ) -> None:
         super().__init__("shadow", machine_name, parameters, options)
         entry = catalogue_entry(machine_name)
-        machine = entry.build(self.initial_parameters)
+        self.model = self.initial_parameters
+        machine = entry.build(self.model)
         given = events_last(setup.given) if setup.given else own_map(machine)
         sensed = sensed_channels(given)
         self.columns = tuple(channel.column for channel in sensed)
@@ -263,6 +264,7 @@ class ShadowNode(TwinNode):
     def adopt(self, parameters: Parameters) -> None:
         """Switch to a model with other parameters; the search for the machine's state restarts."""
         entry, before = catalogue_entry(self.machine_name), self.observer
+        self.model = parameters
         self.observer = PhaseLockedObserver(entry.build(parameters), entry.build, self._sensed, self.setup.deviations)
         self.observer.counts.update(before.counts)
         self.observer.command(before.target)

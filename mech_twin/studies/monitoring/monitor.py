@@ -39,6 +39,7 @@ from mech_twin.studies.monitoring.naming import (
     Signature,
     candidates,
     estimated_change,
+    has_gone,
 )
 from mech_twin.studies.monitoring.operating import (
     OUTSIDE,
@@ -49,7 +50,7 @@ from mech_twin.studies.monitoring.operating import (
 )
 from mech_twin.studies.monitoring.sensor_quality import SensorFinding, SensorLimits, sensor_findings
 
-SENSOR = "sensor_"
+SENSOR, NO_FAULT = "sensor_", FaultLife("")
 CAP = 2.0  # upper bound of the CUSUMs, in thresholds
 FARTHEST_SIGMA = 1e6  # bound of a feature about its mean: a sample of 1e300 must not stay in the charts
 SILENT = 25  # cycles in a row in which a channel is silent, such as that of impacts: at one in two by chance in 10^7
@@ -198,12 +199,14 @@ class Monitor:
         )  # fmt: skip
 
     def _with_wrong_sensor(self, vector: FeatureVector, wrong: tuple[SensorFinding, ...]) -> Findings:
-        """Report the sensor fault; reset the charts, since the samples do not describe the machine."""
+        """Report the sensor fault; forget an alarm that is not active yet, which the sensor may have caused."""
         self._number = vector.number
         self._history.clear()
-        self._episode = self._suspected = None
-        self._charts.restart()
-        self._innovations.clear()
+        self._suspected = None
+        if self._episode is None or self.lives.get(self._episode.finding, NO_FAULT).state != "active":
+            self._episode = None
+            self._charts.restart()
+            self._innovations.clear()
         first = wrong[0]
         for name, life in self.lives.items():  # a pending diagnosis was caused by the sensor
             if life.state == "pending" and not name.startswith(SENSOR):
@@ -213,8 +216,8 @@ class Monitor:
         announce = self._live_on(first.name, vector.end_s, {first.name, *sensors}, f"size {first.size:.4g}")
         found = (Candidate(first.name, first.size, first.size, first.size, "1", 0.0),)
         return Findings(
-            vector.number, vector.end_s, self.setup.baseline.names, self._nothing, None, verdict="named",
-            onset_s=vector.begin_s, candidates=found, faults=self._living(), announce=announce,
+            vector.number, vector.end_s, self.setup.baseline.names, self._nothing, None, self._episode is not None,
+            verdict="named", onset_s=vector.begin_s, candidates=found, faults=self._living(), announce=announce,
         )  # fmt: skip
 
     def _judged(self, vector: FeatureVector, innovation: Array, whole: FeatureVector) -> Findings:
@@ -313,12 +316,14 @@ class Monitor:
         since = [each for each in self._innovations if each[0] >= episode.onset]
         rows = [innovation for *_, innovation, _ in since]
         settling = self.setup.settling_cycles
-        if len(rows) < settling + LEAST_NAMED:
-            return "pending", ()
-        change = estimated_change(self.setup.baseline, np.array(rows), settling)
+        enough = len(rows) >= settling + LEAST_NAMED
+        change = estimated_change(self.setup.baseline, np.array(rows), settling) if enough else None
         if change is None:
             return "pending", ()
-        change = episode.change = change.doubted(self._off)
+        change, before = change.doubted(self._off), episode.change
+        if before and episode.named[1] and change.lasts and has_gone(self.setup.baseline, before, np.array(rows)):
+            return episode.named
+        episode.change = change
         outside = tuple(value.candidate for value in self._outside)
         if not change.lasts:
             return ("named", outside[:1]) if outside else ("passing", ())

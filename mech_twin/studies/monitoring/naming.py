@@ -197,6 +197,19 @@ def estimated_change(baseline: Baseline, innovations: Array, settling: int) -> C
     return Change(stayed + gain @ apart, known - gain @ known, 1.0 + len(later))
 
 
+def has_gone(baseline: Baseline, change: Change, innovations: Array) -> bool:
+    """Return whether the newest innovations, of (n, d), are of a healthy machine and not of one with the change.
+
+    Of the newest cycles, however many: they pass as healthy, and are likelier so than changed, by the bound of rivals.
+    """
+    changed = baseline.steady * change.delta
+    weighted = np.linalg.solve(baseline.covariance, np.vstack([changed, innovations[::-1]]).T).T
+    likelier = np.cumsum(weighted[0] @ changed - 2.0 * innovations[::-1] @ weighted[0])
+    squares = np.cumsum((innovations[::-1] * weighted[1:]).sum(axis=1))
+    degrees = innovations.shape[1] * np.arange(1, len(innovations) + 1)
+    return bool(np.any((likelier > RIVAL) & (squares <= chi2.isf(UNKNOWN_CHANCE, degrees))))
+
+
 def _without_single_cycles(innovations: Array, covariance: Array) -> Array:
     """Return the cycles (n, d) without outliers; all of them if there are many outliers.
 

@@ -128,7 +128,7 @@ def judged(monitor: Monitor, vectors: Iterable[FeatureVector], skipped: int = 0,
         skipped += found.charts is None
         if found.alarm_begins:
             alarms.append(_begun(found))
-        elif alarms and np.isnan(alarms[-1].ended_s) and found.charts is not None:
+        elif alarms and np.isnan(alarms[-1].ended_s):
             alarms[-1] = _followed(alarms[-1], found, monitor.change)
         last = found
     faults = () if last is None else last.faults
@@ -150,6 +150,8 @@ def _begun(found: Findings) -> Alarm:
 def _followed(alarm: Alarm, found: Findings, change: Change | None) -> Alarm:
     if not found.alarm:
         return alarm._replace(ended_s=found.time_s)
+    if found.charts is None:
+        return alarm
     return alarm._replace(verdict=found.verdict, finding=found.finding, candidates=found.candidates, change=change)
 
 

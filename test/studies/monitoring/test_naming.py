@@ -19,6 +19,8 @@ from mech_twin.studies.monitoring.charts import chart_limits
 from mech_twin.studies.monitoring.findings import Findings
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
 from mech_twin.studies.monitoring.naming import Change, Signature, candidates, estimated_change
+from mech_twin.studies.monitoring.report import judged
+from mech_twin.studies.monitoring.sensor_quality import ChannelQuality, SensorLimits
 
 COEFFICIENTS = np.array([[0.5, 0.0, 0.2, 0.7]])
 COVARIANCE = np.diag([1.0, 0.25, 4.0, 1.0])
@@ -137,6 +139,46 @@ def test_a_fault_that_goes_is_latched_until_somebody_has_seen_it(setup: MonitorS
     assert list(dict.fromkeys(states)) == ["pending", "active", "latched"]
     monitor.acknowledge("soft", 40.0)
     assert not [life for life in monitor.observe(vectors(rows[300:301], 300)[0]).faults if life.name == "soft"]
+
+
+def test_a_fault_that_has_gone_keeps_the_size_it_had(setup: MonitorSetup) -> None:
+    """The charts hold on to a change; the healthy cycles meanwhile are none of the fault's."""
+    sizes = []
+    for seed in range(12):
+        rows = autoregressive(200, COEFFICIENTS, COVARIANCE, 100 + seed)
+        rows[41:101] += EFFECTS["bent"] * np.sqrt(0.3)
+        alarms = judged(Monitor(setup), vectors(rows)).alarms
+        sizes += [found.size for alarm in alarms for found in alarm.candidates if found.name == "bent"]
+    assert len(sizes) >= 10
+    assert np.mean(sizes) == pytest.approx(-0.3, abs=0.05)
+
+
+def test_a_fault_outlives_a_cycle_that_a_sensor_spoils(setup: MonitorSetup) -> None:
+    """An acknowledged fault is no new one after it, and its alarm no second one."""
+    rows = autoregressive(200, COEFFICIENTS, COVARIANCE, 108)
+    rows[41:] += EFFECTS["bent"] * np.sqrt(0.3)
+    monitor = Monitor(replace(setup, sensors={"a": SensorLimits(1000.0, 0.001, 0.0, 0.1, 1.0)}))
+    usual = ChannelQuality(100, 0.001, 0.01, 1.0)
+    cycles = [each._replace(quality={"a": usual}) for each in vectors(rows)]
+    cycles[120] = cycles[120]._replace(quality={"a": usual._replace(isolation=50.0)})
+    seen = judged(monitor, cycles[:100])
+    monitor.acknowledge("bent", 10.0)
+    later = judged(monitor, cycles[100:])
+    assert len(seen.alarms) == 1
+    assert later.alarms == ()
+    assert {event.name for event in later.events} == {"sensor_spikes:a"}
+    assert [(life.state, life.is_acknowledged) for life in later.faults] == [("active", True)]
+
+
+def test_an_alarm_that_a_sensor_ends_has_ended(setup: MonitorSetup) -> None:
+    rows = autoregressive(200, COEFFICIENTS, COVARIANCE, 108)
+    rows[41:] += EFFECTS["bent"] * np.sqrt(0.3)
+    monitor = Monitor(replace(setup, sensors={"a": SensorLimits(1000.0, 0.001, 0.0, 0.1, 1.0)}))
+    usual = ChannelQuality(100, 0.001, 0.01, 1.0)
+    cycles = [each._replace(quality={"a": usual}) for each in vectors(rows[:60])]
+    cycles[46:] = [each._replace(quality={"a": usual._replace(isolation=50.0)}) for each in cycles[46:]]
+    (alarm,) = judged(monitor, cycles).alarms
+    assert (alarm.alarm_s, alarm.ended_s) == pytest.approx((4.5, 4.7))
 
 
 def test_the_operator_is_called_at_most_once_in_ten_minutes(setup: MonitorSetup) -> None:
