@@ -142,10 +142,13 @@ def feasible_scan(asked: PressSearch) -> tuple[Array, Evaluation]:
     return designs[found.feasible], Evaluation(found.objectives[found.feasible], found.margins[found.feasible])
 
 
+def _finite(objectives: Array) -> Array:
+    return np.where(np.isfinite(objectives), objectives, INFEASIBLE)
+
+
 def _ranked(found: Evaluation, goal: Goal) -> Array:
     """Return the minimised value of each design: the largest weighted objective; violations rank behind all others."""
-    known = np.where(np.isfinite(found.objectives), found.objectives, INFEASIBLE)
-    scaled = goal.weights * (known * np.array(SENSES) - goal.ideal) / goal.spread
+    scaled = goal.weights * (_finite(found.objectives) * np.array(SENSES) - goal.ideal) / goal.spread
     violation = np.minimum(np.maximum(-found.margins / SCALES, 0.0), WORST).sum(axis=1)
     # the small sum keeps the front's points from being merely weakly best
     value = scaled.max(axis=1) + 1e-6 * scaled.sum(axis=1)
@@ -166,7 +169,7 @@ def descended(asked: PressSearch, goal: Goal, design: Array) -> Array:
     def values(points: Array) -> Array:
         """Return objectives, then margins in their scales, shape (n, used objectives + constraints)."""
         found = asked.continuous(space.designs(points))
-        distance = found.objectives[:, used] * np.array(SENSES)[used] - goal.ideal[used]
+        distance = _finite(found.objectives)[:, used] * np.array(SENSES)[used] - goal.ideal[used]
         margins = np.maximum(found.margins / SCALES - RESERVE, -WORST)
         return np.hstack((goal.weights[used] * distance / goal.spread[used], margins))
 

@@ -174,3 +174,9 @@ def test_a_search_for_one_objective_does_not_ask_whether_the_others_are_finite()
     space = design_question("compaction_press").space(None, {"transmission_deg": 10.0})
     found = best_design(press_search(parameters, space, 1), "peak_torque_nm")
     assert min(found.margins.values()) >= 0.0
+
+
+def test_a_descent_past_presses_that_do_not_turn_finds_the_largest_mean_force():
+    space = design_question("compaction_press").space()
+    found = best_design(press_search(machine_parameters("compaction_press"), space), "mean_press_force_n")
+    assert found.objectives["mean_press_force_n"] == pytest.approx(15234.317, rel=1e-6)
