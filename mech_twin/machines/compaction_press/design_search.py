@@ -275,20 +275,26 @@ def pareto_front(asked: PressSearch, objectives: tuple[str, ...] = OBJECTIVES, p
     """Return non-dominated designs, sorted by the first objective.
 
     They are the scan's that are feasible on the continuous curve, one refined design per objective, and one per
-    direction between them (weighted largest distance from the ideal).
+    direction between them (weighted largest distance from the best of each, over how far apart these designs are).
     """
     columns = [OBJECTIVES.index(name) for name in objectives]
     designs, found = feasible_scan(asked)
     values = found.objectives * np.array(SENSES)
-    ideal, spread = values.min(axis=0), np.ptp(values, axis=0) + 1e-12
-    directions = np.random.default_rng(asked.seed).dirichlet(np.ones(len(columns)), points)
-    front = [designs[non_dominated(values[:, columns])]]
-    for done, direction in enumerate([*np.eye(len(columns)), *directions], start=1):
+    front: list[Array] = []
+
+    def add(goal: Goal) -> None:
+        front.append(refined(asked, goal, designs, found))
+        tell(len(front), len(columns) + points)
+
+    for name in objectives:
+        add(single_goal(name, found))
+    ends = asked.continuous(np.array(front)).objectives * np.array(SENSES)
+    ideal, spread = ends.min(axis=0), np.ptp(ends, axis=0) + 1e-12
+    for direction in np.random.default_rng(asked.seed).dirichlet(np.ones(len(columns)), points):
         weights = np.zeros(len(OBJECTIVES))
         weights[columns] = np.maximum(direction, 1e-3)
-        front.append(refined(asked, Goal(weights, ideal, spread), designs, found)[None, :])
-        tell(done, len(columns) + points)
-    together = _held(_described(asked, np.vstack(front)))
+        add(Goal(weights, ideal, spread))
+    together = _held(_described(asked, np.vstack((designs[non_dominated(values[:, columns])], front))))
     scored = np.array([[design.objectives[name] for name in objectives] for design in together])
     kept = non_dominated(scored * np.array(SENSES)[columns])
     return sorted(
