@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Design search of any machine by simulated runs: bounded keys, an objective, and limits of numbers.
 
-A Sobol sequence is evaluated first; its best points are refined by linear approximations (COBYLA).
+A Sobol sequence is evaluated first; its best points are refined by linear approximations (COBYLA), then by simplices
+(Nelder-Mead): peaks have edges, along which linear approximations end early.
 The same seed gives the same result for any number of cores.
 """
 
@@ -40,6 +41,7 @@ SCAN_POWER, MOST_SCAN_POWER = 4, 8  # powers of two: points for one key, one pow
 REFINED = 4  # best points of the scan that are refined
 EVALUATIONS = 40  # in a refinement, for each key
 FIRST_STEP, LAST_STEP = 0.1, 1e-4  # in a refinement, as shares of the range of each key
+PENALTY = 30.0  # of a violation, in simplices
 BROKEN = 1e3  # violation at a point where the configuration is rejected or the number missing
 
 
@@ -222,7 +224,7 @@ def search_runs(
     if broken:
         nearest = ", ".join(f"{key} = {value:.6g}" for key, value in changes.items())
         shortfalls = ", ".join(f"{name} by {-margin:.4g}" for name, margin in broken.items())
-        raise StudyError(f"no design keeps every limit; the nearest, {nearest}, misses {shortfalls}")
+        raise StudyError(f"found no design that keeps every limit; the nearest, {nearest}, misses {shortfalls}")
     found = varied(known, changes)
     return Design(changes, {asked.name: numbers[asked.name]}, margins, found, _checked(asked, found))
 
@@ -242,8 +244,9 @@ def _checked(asked: RunSearch, found: Parameters) -> InShorterSteps | None:
 
 
 def refined_from(asked: RunSearch, start: Place) -> JudgedPoint:
-    """Return the best point that COBYLA finds from a start."""
+    """Return the best point found from a start in `EVALUATIONS` for each key."""
     known: dict[Place, JudgedPoint] = {}
+    most = EVALUATIONS * len(start)
 
     def at(place: Any) -> JudgedPoint:
         point = tuple(float(share) for share in place)
@@ -260,9 +263,29 @@ def refined_from(asked: RunSearch, start: Place) -> JudgedPoint:
         np.array(start),
         method="COBYLA",
         constraints=limited,
-        options={"rhobeg": FIRST_STEP, "tol": LAST_STEP, "maxiter": EVALUATIONS * len(start)},
+        options={"rhobeg": FIRST_STEP, "tol": LAST_STEP, "maxiter": most},
     )
-    return min(known.values(), key=lambda point: point.rank)
+    best, before = min(known.values(), key=lambda point: point.rank), None
+    while best is not before and len(known) < most:
+        best, before = _by_simplices(at, best, most - len(known)), best
+    return best
+
+
+def _by_simplices(at: Callable[[Any], JudgedPoint], start: JudgedPoint, most: int) -> JudgedPoint:
+    """Return the best of at most so many points from a start on, itself among them."""
+    best, place = start, np.array(start.place)
+
+    def cost(tried: Any) -> float:
+        nonlocal best
+        point = at(tried)
+        best = min(best, point, key=lambda each: each.rank)
+        return point.objective + PENALTY * point.rank[0]
+
+    steps = np.diag(np.where(place > 0.5, -FIRST_STEP, FIRST_STEP))
+    first, bounds = np.vstack((place, place + steps)), [(0.0, 1.0)] * len(place)
+    options = {"initial_simplex": first, "xatol": LAST_STEP, "fatol": LAST_STEP, "maxfev": most}
+    minimize(cost, place, method="Nelder-Mead", bounds=bounds, options=options)
+    return best
 
 
 def _spread(

@@ -213,7 +213,7 @@ def test_a_search_by_runs_finds_the_length_that_a_limit_allows(tmp_path):
         (("--objective", "total_mass_kg", "--bound", "bodies.ram.mass_kg=6"), "6 < 6 fails"),
         (
             ("--objective", "total_mass_kg", "--bound", "bodies.ram.mass_kg=3:6", "--limit", "total_mass_kg=:1"),
-            "no design keeps every limit; the nearest, bodies.ram.mass_kg = 3",
+            "found no design that keeps every limit; the nearest, bodies.ram.mass_kg = 3",
         ),
     ],
 )

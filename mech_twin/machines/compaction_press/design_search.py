@@ -142,10 +142,13 @@ def feasible_scan(asked: PressSearch) -> tuple[Array, Evaluation]:
     return designs[found.feasible], Evaluation(found.objectives[found.feasible], found.margins[found.feasible])
 
 
+def _finite(objectives: Array) -> Array:
+    return np.where(np.isfinite(objectives), objectives, INFEASIBLE)
+
+
 def _ranked(found: Evaluation, goal: Goal) -> Array:
     """Return the minimised value of each design: the largest weighted objective; violations rank behind all others."""
-    known = np.where(np.isfinite(found.objectives), found.objectives, INFEASIBLE)
-    scaled = goal.weights * (known * np.array(SENSES) - goal.ideal) / goal.spread
+    scaled = goal.weights * (_finite(found.objectives) * np.array(SENSES) - goal.ideal) / goal.spread
     violation = np.minimum(np.maximum(-found.margins / SCALES, 0.0), WORST).sum(axis=1)
     # the small sum keeps the front's points from being merely weakly best
     value = scaled.max(axis=1) + 1e-6 * scaled.sum(axis=1)
@@ -166,7 +169,7 @@ def descended(asked: PressSearch, goal: Goal, design: Array) -> Array:
     def values(points: Array) -> Array:
         """Return objectives, then margins in their scales, shape (n, used objectives + constraints)."""
         found = asked.continuous(space.designs(points))
-        distance = found.objectives[:, used] * np.array(SENSES)[used] - goal.ideal[used]
+        distance = _finite(found.objectives)[:, used] * np.array(SENSES)[used] - goal.ideal[used]
         margins = np.maximum(found.margins / SCALES - RESERVE, -WORST)
         return np.hstack((goal.weights[used] * distance / goal.spread[used], margins))
 
@@ -272,20 +275,26 @@ def pareto_front(asked: PressSearch, objectives: tuple[str, ...] = OBJECTIVES, p
     """Return non-dominated designs, sorted by the first objective.
 
     They are the scan's that are feasible on the continuous curve, one refined design per objective, and one per
-    direction between them (weighted largest distance from the ideal).
+    direction between them (weighted largest distance from the best of each, over how far apart these designs are).
     """
     columns = [OBJECTIVES.index(name) for name in objectives]
     designs, found = feasible_scan(asked)
     values = found.objectives * np.array(SENSES)
-    ideal, spread = values.min(axis=0), np.ptp(values, axis=0) + 1e-12
-    directions = np.random.default_rng(asked.seed).dirichlet(np.ones(len(columns)), points)
-    front = [designs[non_dominated(values[:, columns])]]
-    for done, direction in enumerate([*np.eye(len(columns)), *directions], start=1):
+    front: list[Array] = []
+
+    def add(goal: Goal) -> None:
+        front.append(refined(asked, goal, designs, found))
+        tell(len(front), len(columns) + points)
+
+    for name in objectives:
+        add(single_goal(name, found))
+    ends = asked.continuous(np.array(front)).objectives * np.array(SENSES)
+    ideal, spread = ends.min(axis=0), np.ptp(ends, axis=0) + 1e-12
+    for direction in np.random.default_rng(asked.seed).dirichlet(np.ones(len(columns)), points):
         weights = np.zeros(len(OBJECTIVES))
         weights[columns] = np.maximum(direction, 1e-3)
-        front.append(refined(asked, Goal(weights, ideal, spread), designs, found)[None, :])
-        tell(done, len(columns) + points)
-    together = _held(_described(asked, np.vstack(front)))
+        add(Goal(weights, ideal, spread))
+    together = _held(_described(asked, np.vstack((designs[non_dominated(values[:, columns])], front))))
     scored = np.array([[design.objectives[name] for name in objectives] for design in together])
     kept = non_dominated(scored * np.array(SENSES)[columns])
     return sorted(

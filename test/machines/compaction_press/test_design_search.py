@@ -161,6 +161,13 @@ def test_front_holds_no_dominated_design_and_reaches_both_ends():
     assert -values[:, 1].min() == pytest.approx(BEST_KNOWN[names[1]], rel=1e-3)
 
 
+def test_a_front_ends_in_the_best_design_of_each_objective():
+    asked, names = reference(), ("peak_torque_nm", "mean_press_force_n")
+    front = pareto_front(asked, names, points=1)
+    for name, end in zip(names, (front[0], front[-1]), strict=True):
+        assert end.objectives[name] == pytest.approx(best_design(asked, name).objectives[name], rel=1e-9)
+
+
 def test_scan_repeats():
     one, two = scan(reference(4)), scan(reference(4))
     assert (one[0] == two[0]).all()
@@ -174,3 +181,9 @@ def test_a_search_for_one_objective_does_not_ask_whether_the_others_are_finite()
     space = design_question("compaction_press").space(None, {"transmission_deg": 10.0})
     found = best_design(press_search(parameters, space, 1), "peak_torque_nm")
     assert min(found.margins.values()) >= 0.0
+
+
+def test_a_descent_past_presses_that_do_not_turn_finds_the_largest_mean_force():
+    space = design_question("compaction_press").space()
+    found = best_design(press_search(machine_parameters("compaction_press"), space), "mean_press_force_n")
+    assert found.objectives["mean_press_force_n"] == pytest.approx(15234.317, rel=1e-6)
