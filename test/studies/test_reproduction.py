@@ -10,6 +10,7 @@ from mech_twin.capabilities.published import FAILED, Literature
 from mech_twin.capabilities.variation import varied
 from mech_twin.cli.reproduce import reproduce_machines
 from mech_twin.cli.verbs import ReproduceVerb
+from mech_twin.errors import StudyError
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import pressed_body
 from mech_twin.machines.mb10_breaker.published import load_rows, paper_body
 from mech_twin.parameters.load import machine_parameters
@@ -62,6 +63,35 @@ def test_every_gated_row_of_the_impact_mass_fails_for_some_change_and_no_printed
     for row, *changed in zip(before, *runs, strict=True):
         assert {each.published for each in changed} == {row.published}
         assert not row.gated or not all(each.holds for each in changed), row
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("machine", "change"),
+    [
+        ("vibration_crank", {"counterweight.mass_kg": 0.0}),
+        ("mb10_breaker", {"excitation.kind": "approximated", "excitation.amplitude_nm": 0.0}),
+        ("mb10_breaker", {"motor.rated_power_w": 1.5}),
+        ("impact_mass", {"phase1_force_n": -10.0}),
+    ],
+)
+def test_a_machine_that_lacks_what_a_row_is_about_is_compared_as_well(machine, change):
+    """No counterweight, no load of the body, no motor that turns the crank, no blow."""
+    rows = reproduce(machine, varied(machine_parameters(machine), change))
+    assert len(rows) == len(rows_of(machine))
+    assert not all_hold(rows)
+
+
+def test_a_mass_that_starts_at_its_stop_is_refused_in_one_line():
+    at_stop = varied(machine_parameters("impact_mass"), {"initial_position_m": 0.0})
+    with pytest.raises(StudyError, match="initial_position_m < stop_position_m does not hold"):
+        reproduce("impact_mass", at_stop)
+
+
+def test_a_period_whose_print_leaves_no_second_phase_has_no_row():
+    """A stroke of half a millimetre: T is 0.2 ms, cut to three decimals 0."""
+    near = varied(machine_parameters("impact_mass"), {"initial_position_m": -0.0005})
+    assert [row.quantity for row in reproduce("impact_mass", near) if "permanent rest" in row.quantity] == []
 
 
 def test_a_drum_without_eccentricity_has_no_row_of_the_eccentric_term():

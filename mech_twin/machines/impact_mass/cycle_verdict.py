@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mech_twin.errors import StudyError
 from mech_twin.machines.impact_mass.dynamics import (
     AT_REST,
     FLIGHT,
@@ -86,13 +87,13 @@ def phase2_cycle(parameters: ImpactMass) -> OneImpactCycle:
 
     Raises
     ------
-    ValueError
+    StudyError
         If there is none, naming the inequality and its numbers.
     """
     p, cycle = parameters, one_impact_cycle(parameters.system, 1)
     if cycle is None:
         mean = p.phase1_force_n * p.phase1_duration_s + p.phase2_force_n * (p.period_s - p.phase1_duration_s)
-        raise ValueError(
+        raise StudyError(
             "no cycle: P1 t1 + P2 (T - t1) > 0 and P1 != P2 do not both hold: "
             f"{mean!r} N s, P1 = {p.phase1_force_n!r} N, P2 = {p.phase2_force_n!r} N"
         )

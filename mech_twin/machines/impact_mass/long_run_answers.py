@@ -6,7 +6,7 @@ from dataclasses import asdict
 from functools import partial
 from typing import Any
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 
 from mech_twin.capabilities.long_run import CycleAnswer, RegimeAnswer, SynthesisAnswer
 from mech_twin.capabilities.variation import varied
@@ -43,12 +43,7 @@ def synthesis_answer(
         If one of the cycles has no solution, naming the inequality that fails.
     """
     spec = cycle_spec(parameters, impact_speed_m_per_s)
-    try:
-        found = synthesise(spec, RobustnessSpec(**{**USUAL_ROBUSTNESS, **options}), periods)
-    except ValidationError:
-        raise
-    except ValueError as error:
-        raise StudyError(str(error)) from error
+    found = synthesise(spec, RobustnessSpec(**{**USUAL_ROBUSTNESS, **options}), periods)
     designs = (found.published, found.robust)
     records = {design.name: cycle_record(design) for design in designs}
     cycles = tuple(

@@ -21,6 +21,7 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from mech_twin.errors import StudyError
 from mech_twin.machines.impact_mass.dynamics import ImpactSystem, mean_acceleration
 
 
@@ -74,7 +75,7 @@ def synthesised_cycle(spec: CycleSpec) -> SynthesisedCycle:
 
     Raises
     ------
-    ValueError
+    StudyError
         If the cycle cannot exist, naming the inequality and its numbers.
 
     Notes
@@ -103,7 +104,7 @@ def synthesised_cycle(spec: CycleSpec) -> SynthesisedCycle:
 
 def _require(holds: bool, inequality: str, numbers: str) -> None:
     if not holds:
-        raise ValueError(f"no cycle: {inequality} does not hold: {numbers}")
+        raise StudyError(f"no cycle: {inequality} does not hold: {numbers}")
 
 
 def multipliers(stability_number: float, restitution: float) -> tuple[complex, complex]:

@@ -62,6 +62,8 @@ def _collapse(parameters: ImpactMass) -> Iterator[PublishedRow]:
         absolute=True,
     )
     *_, printed_s = printed_periods(synthesised.period_s)
+    if printed_s <= synthesised.phase1_duration_s:
+        return  # the cut leaves no phase 2
     lasting = endurance(synthesised.model_copy(update={"period_s": printed_s}), 1000)
     yield paper.at("Fig. 4", f"{paper.inputs}, T as printed, {printed_s:g} s").reported(
         "period in which it comes to permanent rest (print: a steady cycle, so none, 0)",
@@ -92,12 +94,13 @@ def _synthesis(parameters: ImpactMass) -> Iterator[PublishedRow]:
 
 def _settling(parameters: ImpactMass) -> Iterator[PublishedRow]:
     seen = first_periods(parameters, 40)
+    first, last = map(float, seen.hardest_m_per_s[[0, -1]])
     inputs = f"t1 {parameters.phase1_duration_s:g} s, T {parameters.period_s:g} s, R {parameters.rebound:g}"
     paper = Literature(PAPER, "Fig. 2", f"{inputs}, xc 0 assumed")
     yield paper.limit(
         "steady blow over the first (print: well below, so below 1)",
         1.0,
-        float(seen.hardest_m_per_s[-1] / seen.hardest_m_per_s[0]),
+        last / first if first > 0.0 else math.nan,
         "the print says 'well below the first cycles'; its picture has no numbers",
         "below",
     )

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 from mech_twin.capabilities.progress import tell
 from mech_twin.engine.coupling import Coupling
+from mech_twin.errors import StudyError
 from mech_twin.machines.impact_mass.cycle_verdict import (
     CycleVerdict,
     Endurance,
@@ -157,7 +158,7 @@ def _nominal_candidates(spec: CycleSpec, published: ImpactMass, robustness: Robu
     keeping = [parameters for parameters, found in steady if found.margin >= robustness.margin]
     if not keeping:
         largest = max((found.margin for _, found in steady), default=-math.inf)
-        raise ValueError(
+        raise StudyError(
             f"no robust cycle: margin >= {robustness.margin!r} does not hold: largest margin of an admissible "
             f"stable cycle {largest!r}"
         )
@@ -175,7 +176,7 @@ def _short_enough(keeping: list[ImpactMass], spec: CycleSpec, robustness: Robust
     if not bounded:
         stroke = min(cycle_stroke(parameters) for parameters in keeping) / spec.stroke_m
         speed = min(abs(parameters.initial_velocity_m_per_s) for parameters in keeping) / spec.impact_speed_m_per_s
-        raise ValueError(
+        raise StudyError(
             f"no robust cycle: stroke_ratio <= {robustness.stroke_ratio!r} and start_speed_ratio <= "
             f"{robustness.start_speed_ratio!r} do not both hold: smallest that were found {stroke!r}, {speed!r}"
         )
@@ -207,7 +208,7 @@ def robust_parameters(spec: CycleSpec, robustness: RobustnessSpec) -> tuple[Impa
 
     Raises
     ------
-    ValueError
+    StudyError
         If no forces meet the demand, naming the inequality that fails and the best that was found.
     """
     _require_demand(spec, robustness)
@@ -215,7 +216,7 @@ def robust_parameters(spec: CycleSpec, robustness: RobustnessSpec) -> tuple[Impa
     box = default_box(spec.stroke_m, spec.impact_speed_m_per_s, robustness.starts, robustness.seed)
     screened = [_screened(p, box, robustness) for p in _nominal_candidates(spec, published, robustness)]
     if all(candidate.widest < 0.0 for candidate in screened):
-        raise ValueError(
+        raise StudyError(
             f"no robust cycle: basin_fraction >= {robustness.basin_fraction!r} does not hold with margin >= "
             f"{robustness.margin!r} even without any deviation"
         )
@@ -228,7 +229,7 @@ def robust_parameters(spec: CycleSpec, robustness: RobustnessSpec) -> tuple[Impa
             return candidate.parameters, found
         tried.append(found)
     best = max((found.worst_fraction for found in tried), default=0.0)
-    raise ValueError(
+    raise StudyError(
         f"no robust cycle: tolerance = {robustness.tolerance!r} does not hold: of {len(screened)} candidates "
         f"{len(holding)} keep basin_fraction >= {robustness.basin_fraction!r} at the points of a first look and none "
         f"at all points tried; best worst case {best!r}"
@@ -237,12 +238,12 @@ def robust_parameters(spec: CycleSpec, robustness: RobustnessSpec) -> tuple[Impa
 
 def _require_demand(spec: CycleSpec, robustness: RobustnessSpec) -> None:
     if robustness.margin > 1.0 - spec.restitution:
-        raise ValueError(
+        raise StudyError(
             "no robust cycle: margin <= 1 - restitution does not hold (the product of the multipliers is R^2): "
             f"{robustness.margin!r}, {1.0 - spec.restitution!r}"
         )
     if not 0.0 <= robustness.tolerance < 1.0:
-        raise ValueError(f"no robust cycle: 0 <= tolerance < 1 does not hold: {robustness.tolerance!r}")
+        raise StudyError(f"no robust cycle: 0 <= tolerance < 1 does not hold: {robustness.tolerance!r}")
 
 
 def cycle_stroke(parameters: ImpactMass) -> float:
@@ -295,7 +296,7 @@ def synthesise(spec: CycleSpec, robustness: RobustnessSpec | None = None, period
 
     Raises
     ------
-    ValueError
+    StudyError
         If one of them has no solution, naming the inequality and its numbers.
     """
     robustness = robustness or RobustnessSpec()

@@ -118,8 +118,8 @@ def _swing(body: PressedBody) -> Iterator[PublishedRow]:
     yield worked.gated("spring rate, kN/m", 34.54, resonance_rate(body, 1) / 1000.0, "c = J omega^2/l^2", absolute=5e-3)
     omega = 2.0 * pi / body.period
     for order in (15, 25, 35):
-        silent = growth_per_cycle(with_preload(body, 0.0, order * omega))
-        scale = body.amplitude / (body.inertia * body.mu**2)
+        silent = growth_per_cycle(with_preload(body._replace(amplitude=1.0), 0.0, order * omega))
+        scale = 1.0 / (body.inertia * body.mu**2)
         yield worked.at(f"k = {order} omega").gated(
             "growth per cycle over |H|/(J mu^2)", 0.0, silent / scale, "the load adds nothing", absolute=1e-12
         )
@@ -191,7 +191,8 @@ def _preload_trade_off(parameters: BreakerParameters) -> Iterator[PublishedRow]:
             absolute=5e-4,
         )
     below = settled_run_metrics(with_rest_force(parameters, 150.0))
-    missed = below["missed_blows"] / (below["blows"] + below["missed_blows"])
+    passes = below["blows"] + below["missed_blows"]
+    missed = below["missed_blows"] / passes if passes > 0.0 else nan
     why = "one in four, a run from standstill included"
     low = worked.at("preload trade-off", f"{worked.inputs}, 150 N at rest")
     yield low.gated("share of blows missed", 0.25, missed, why, absolute=0.05)

@@ -272,7 +272,7 @@ def _damping(parameters: RollerFormer) -> Picture:
         axes.set_ylim(low, 1.15 * high)
         axes.legend(loc="upper right", ncols=3)
     panels[0].set_title("Coupling moment against damping (Figs. 10, 11, 19, 20)")
-    caption = "Without load, expanded kinematics; dashed: the two dampings studied. Gaps: no steady turn found."
+    caption = "Without load, expanded kinematics; dashed: the two dampings studied."
     return Picture("roller_former_damping", caption, figure)
 
 

@@ -112,7 +112,7 @@ def rows(parameters: VibrationCrank) -> Iterator[PublishedRow]:
         for name, p in (("as set", parameters), ("harmonic", harmonic), ("parts", parts))
     }
     yield from _peaks(parameters, report["as set"], report["harmonic"])
-    yield from _masses(report["as set"], report["parts"])
+    yield from _masses(report["as set"], report["parts"], parameters.counterweight.density_kg_per_m3)
     yield from _speeds(parameters, harmonic)
 
 
@@ -149,7 +149,7 @@ def _peaks(parameters: VibrationCrank, report: dict[str, float], harmonic: dict[
     )
 
 
-def _masses(report: dict[str, float], parts: dict[str, float]) -> Iterator[PublishedRow]:
+def _masses(report: dict[str, float], parts: dict[str, float], density: float) -> Iterator[PublishedRow]:
     paper = Literature(PAPER, "masses", "printed masses of the parts")
     yield paper.reported(
         "rotating mass m_r, kg",
@@ -181,7 +181,7 @@ def _masses(report: dict[str, float], parts: dict[str, float]) -> Iterator[Publi
     yield worked.at("counterweight", "m_r as printed").gated(
         "volume, m3",
         0.006505,
-        report["counterweight_mass_derived_kg"] * report["counterweight_volume_m3"] / report["counterweight_mass_kg"],
+        report["counterweight_mass_derived_kg"] / density,
         "with 7.55 kg",
         absolute=5e-7,
     )

@@ -225,6 +225,11 @@ def total_energy(chain: Chain, state: ChainState) -> float:
 
 @borrowing_kernel
 def contact_loss(chain: Chain, state: ChainState, contact: int) -> float:
-    """Return the energy lost in a contact or wall (J): its work less its elastic energy."""
+    """Return the energy lost in a contact or wall (J): its work less the elastic energy that it still gives back.
+
+    A damped wall that no longer follows the tool keeps its elastic energy.
+    """
+    if state.force_n[contact] == 0.0:
+        return float(state.work_j[contact])
     law = law_of(chain, contact)
     return float(state.work_j[contact] - stored(law, state.most_m[contact], state.compression_m[contact]))

@@ -239,6 +239,19 @@ def test_a_damper_reflects_by_its_impedance(share: float) -> None:
     assert found.transmitted_energy_j == pytest.approx((1.0 - back**2) * found.striker_energy_j, rel=1e-9)
 
 
+@pytest.mark.parametrize("zeta", [0.1, 0.4, 0.8])
+def test_a_damped_wall_keeps_all_that_a_mass_does_not_take_away(zeta: float) -> None:
+    """Spring and damper let go before the spring is relaxed: e = exp(-2 zeta acos(zeta)/sqrt(1 - zeta^2))."""
+    mass, stiffness = 8.0, 1e7
+    wall = ContactLaw(3, stiffness, stiffness, 0.0, 1.0, 2.0 * zeta * math.sqrt(stiffness * mass))
+    chain, state = chain_of([[Section(1, mass / 1e-7, AREA, 0.0)]], [FREE_END, wall], [0.0] * 2, 1e-7)
+    set_speed(chain, state, 0, 1, SPEED)
+    found, _ = led(chain, state, 1e-2)
+    restitution = math.exp(-2.0 * zeta * math.acos(zeta) / math.sqrt(1.0 - zeta**2))
+    assert found.tool_momentum_ns == pytest.approx(-restitution * mass * SPEED, rel=1e-3)
+    assert found.transmitted_energy_j == pytest.approx(0.5 * mass * SPEED**2 * (1.0 - restitution**2), rel=1e-3)
+
+
 def smooth_blow(cells: int) -> RodBlow:
     chain, state = mass_on_rod(8.0, cells, 1e-4 / cells, ContactLaw(3, 2e8, 6e8, 0.0), hertz_contact(1.15e11, 0.05))
     return led(chain, state, 2e-2)[0]
