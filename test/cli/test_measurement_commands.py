@@ -56,7 +56,7 @@ def plant(tmp_path_factory: pytest.TempPathFactory) -> Plant:
     folder = tmp_path_factory.mktemp("plant")
     found = Plant(written(folder / "sensors.yaml", SENSORS), folder / "bag", folder / "run.parquet")
     words = ("--sensors", found.map, "--bag", found.bag, "--table", found.table, "--seed", "3", "--json")
-    run = mech_twin("simulate", "vibration_crank", "--duration", "2", *words)
+    run = mech_twin("simulate", "vibration_crank", "--duration", "2", "--one-step", *words)
     assert run.code == 0, run.err
     return found
 
@@ -109,7 +109,9 @@ def test_a_bag_of_the_twins_own_topics_maps_itself(tmp_path: Path) -> None:
 
 def test_a_bag_of_the_twin_identifies_its_own_keys_and_its_dead_columns_are_not_proposed(tmp_path: Path) -> None:
     bag = tmp_path / "bag"
-    run = mech_twin("simulate", "vibration_crank", "--duration", "4", "--bag", bag, "--set", "crank_m=0.13", "--json")
+    run = mech_twin(
+        "simulate", "vibration_crank", "--duration", "4", "--one-step", "--bag", bag, "--set", "crank_m=0.13", "--json"
+    )
     assert run.code == 0, run.err
     found = mech_twin("identify", "vibration_crank", bag, "--free", "crank_m", "--cores", "1")
     assert found.code == 0, found.err

@@ -44,7 +44,7 @@ class Plant:
 @pytest.fixture(scope="module")
 def plant(tmp_path_factory: pytest.TempPathFactory) -> Plant:
     found = Plant(tmp_path_factory.mktemp("plant"))
-    words = ("simulate", "impact_mass", "--set", OFF_BEAT, "--sensors", found.map, "--json")
+    words = ("simulate", "impact_mass", "--set", OFF_BEAT, "--sensors", found.map, "--one-step", "--json")
     runs = [
         (*words, "--duration", HEALTHY, "--bag", found.healthy),
         (*words, "--duration", FAULTY, "--table", found.faulty, "--change", f"phase1_force_n=-10%@{CHANGE_S}"),
@@ -146,7 +146,7 @@ def test_a_sensor_fault_without_an_alarm_is_told_beside_the_cycles_that_were_not
     plant: Plant, tmp_path: Path
 ) -> None:
     run, stuck = tmp_path / "run.csv", tmp_path / "stuck.csv"
-    words = ("simulate", "impact_mass", "--set", OFF_BEAT, "--sensors", plant.map, "--json")
+    words = ("simulate", "impact_mass", "--set", OFF_BEAT, "--sensors", plant.map, "--one-step", "--json")
     mech_twin(*words, "--duration", 8.0, "--table", run)
     head, *rows = [line.split(",") for line in run.read_text(encoding="utf-8").splitlines()]
     place = next(i for i, name in enumerate(head) if "mass" in name)
@@ -165,7 +165,7 @@ def test_a_sensor_fault_without_an_alarm_is_told_beside_the_cycles_that_were_not
 
 def test_a_run_of_which_no_cycle_can_be_judged_is_not_called_healthy(plant: Plant, tmp_path: Path) -> None:
     run = tmp_path / "short.csv"
-    words = ("simulate", "impact_mass", "--set", OFF_BEAT, "--sensors", plant.map, "--json")
+    words = ("simulate", "impact_mass", "--set", OFF_BEAT, "--sensors", plant.map, "--one-step", "--json")
     mech_twin(*words, "--duration", 3.0, "--table", run)
     head, *rows = [line.split(",") for line in run.read_text(encoding="utf-8").splitlines()]
     beside = next(i for i, name in enumerate(head) if "generator" in name)
@@ -183,7 +183,16 @@ def test_a_run_without_a_cycle_says_what_its_reference_does(tmp_path: Path) -> N
         tree = {"machine": "vibration_crank", "channels": [{**channels[0], "sign": sign}]}
         (tmp_path / f"{name}.yaml").write_text(yaml.safe_dump(tree), encoding="utf-8")
     run = tmp_path / "run.csv"
-    words = ("simulate", "vibration_crank", "--duration", "4", "--sensors", tmp_path / "forward.yaml", "--json")
+    words = (
+        "simulate",
+        "vibration_crank",
+        "--duration",
+        "4",
+        "--sensors",
+        tmp_path / "forward.yaml",
+        "--one-step",
+        "--json",
+    )
     mech_twin(*words, "--table", run)
     code, _, err = mech_twin("monitor", "vibration_crank", run, "--map", tmp_path / "backward.yaml")
     assert code == 2

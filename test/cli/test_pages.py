@@ -312,7 +312,9 @@ channels:
     page.write_text(answer("new", "slider_crank"), encoding="utf-8")
     told.write_text(sensors, encoding="utf-8")
     run, found = tmp_path / "run.csv", tmp_path / "found"
-    answer("simulate", page, "--duration", "2", "--sensors", told, "--table", run, "--set", f"{key}=0.053")
+    answer(
+        "simulate", page, "--duration", "2", "--one-step", "--sensors", told, "--table", run, "--set", f"{key}=0.053"
+    )
     answer("identify", page, run, "--map", told, "--free", key, "--out", found)
     assert sorted(path.name for path in tmp_path.glob("*.yaml")) == ["my.yaml", "sensors.yaml"]
     text = (found / "my.yaml").read_text(encoding="utf-8")

@@ -42,7 +42,7 @@ def test_stiffness_of_wall_and_face_are_found_from_a_gauge(tmp_path: Path) -> No
     (tmp_path / "map.yaml").write_text(yaml.safe_dump(MAP), encoding="utf-8")
     run = tmp_path / "run.csv"
     words = ("--duration", "1.2", "--sensors", tmp_path / "map.yaml", "--table", run, "--json")
-    ended = mech_twin("simulate", MACHINE, *words, "--seed", "4", *settings(KNOWN | TRUE))
+    ended = mech_twin("simulate", MACHINE, "--one-step", *words, "--seed", "4", *settings(KNOWN | TRUE))
     assert ended.code == 0, ended.err
     words = ("--map", tmp_path / "map.yaml", "--free", WALL, "--free", FACE, "--out", tmp_path / "found")
     ended = mech_twin("identify", MACHINE, run, *words, *settings(KNOWN | {WALL: 5e6}))
@@ -60,7 +60,7 @@ def test_a_wall_is_found_from_blows_that_begin_late_in_the_run(tmp_path: Path) -
     (tmp_path / "map.yaml").write_text(yaml.safe_dump(MAP), encoding="utf-8")
     run = tmp_path / "run.csv"
     words = ("--duration", "1.5", "--sensors", tmp_path / "map.yaml", "--table", run, "--json")
-    ended = mech_twin("simulate", MACHINE, *words, *settings(KNOWN | {WALL: TRUE[WALL]}))
+    ended = mech_twin("simulate", MACHINE, "--one-step", *words, *settings(KNOWN | {WALL: TRUE[WALL]}))
     assert ended.code == 0, ended.err
     words = ("--map", tmp_path / "map.yaml", "--free", WALL, "--out", tmp_path / "found")
     ended = mech_twin("identify", MACHINE, run, *words, *settings(KNOWN | {WALL: 5e6}))

@@ -54,7 +54,7 @@ def stand(tmp_path_factory: pytest.TempPathFactory) -> Path:
             "--set",
             f"drive.speed_rpm={speed}",
         )
-        ended = mech_twin("simulate", MACHINE, "--duration", "3", *words, *lengths, "--json")
+        ended = mech_twin("simulate", MACHINE, "--duration", "3", "--one-step", *words, *lengths, "--json")
         assert ended.code == 0, ended.err
     tree = sensors(0.0)
     tree["channels"][0]["zero"], tree["channels"][1]["zero"] = "per_run", "free"

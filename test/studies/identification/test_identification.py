@@ -47,7 +47,7 @@ def stand(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "map.yaml").write_text(map_of(opened), encoding="utf-8")
     settings = [word for key, value in TRUE.items() for word in ("--set", f"{key}={value}")]
     ended = mech_twin(
-        *("simulate", MACHINE, "--duration", "2.4", "--sensors", folder / "sensors.yaml"),
+        *("simulate", MACHINE, "--duration", "2.4", "--one-step", "--sensors", folder / "sensors.yaml"),
         *("--table", folder / "plant.csv", "--seed", "5", "--json", *settings),
     )
     assert ended.code == 0, ended.err

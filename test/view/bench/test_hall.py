@@ -26,7 +26,7 @@ def recordings(tmp_path_factory):
     """Return a folder of two recordings of the press, the second with twice the force, and one cut off."""
     folder = tmp_path_factory.mktemp("recordings")
     for name, changes in (("soft", []), ("hard", ["--set", "working_force.peak_n=20000"])):
-        words = ["simulate", "compaction_press", "--duration", str(SPAN_S), "--bag", name, *changes]
+        words = ["simulate", "compaction_press", "--duration", str(SPAN_S), "--one-step", "--bag", name, *changes]
         subprocess.run([*COMMAND, *words], check=True, capture_output=True, cwd=folder, timeout=300)
     cut = folder / "cut.mcap"
     whole = next((folder / "soft").glob("*.mcap")).read_bytes()
