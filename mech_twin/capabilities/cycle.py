@@ -125,19 +125,22 @@ def gap_limits(times_s: Array, begin_s: float, end_s: float) -> tuple[float, flo
 
 
 @kernel
-def sample_quality(times_s: Array, values: Array) -> tuple[float, int, float]:
-    """Return lower quartile of the spacing (s), length of the longest run of equal values, and isolation (SI)."""
-    count, longest, run, isolation = len(values), 1, 1, 0.0
+def sample_quality(times_s: Array, values: Array) -> tuple[float, int, float, float]:
+    """Return lower quartile of the spacing (s), length of the longest equal run, isolation and curvature (SI)."""
+    count, longest, run, isolation, curvature, before = len(values), 1, 1, 0.0, 0.0, 0.0
     spacings_s = np.empty(count - 1)
     for i in range(count - 1):
         spacings_s[i] = times_s[i + 1] - times_s[i]
         run = run + 1 if values[i + 1] - values[i] == 0.0 else 1
         longest = max(longest, run)
     for i in range(1, count - 1):
-        apart = abs(values[i] - 0.5 * (values[i - 1] + values[i + 1])) - 2.0 * abs(values[i + 1] - values[i - 1])
-        isolation = max(isolation, apart)
+        off = values[i] - 0.5 * (values[i - 1] + values[i + 1])
+        isolation = max(isolation, abs(off) - 2.0 * abs(values[i + 1] - values[i - 1]))
+        if off * before > 0.0:
+            curvature = max(curvature, min(abs(off), abs(before)))
+        before = off
     place = (count - 2) // 4
-    return np.partition(spacings_s, place)[place], longest, isolation
+    return np.partition(spacings_s, place)[place], longest, isolation, curvature
 
 
 @kernel

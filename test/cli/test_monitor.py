@@ -183,16 +183,8 @@ def test_a_run_without_a_cycle_says_what_its_reference_does(tmp_path: Path) -> N
         tree = {"machine": "vibration_crank", "channels": [{**channels[0], "sign": sign}]}
         (tmp_path / f"{name}.yaml").write_text(yaml.safe_dump(tree), encoding="utf-8")
     run = tmp_path / "run.csv"
-    words = (
-        "simulate",
-        "vibration_crank",
-        "--duration",
-        "4",
-        "--sensors",
-        tmp_path / "forward.yaml",
-        "--one-step",
-        "--json",
-    )
+    seen = ("--sensors", tmp_path / "forward.yaml", "--one-step", "--json")
+    words = ("simulate", "vibration_crank", "--duration", "4", *seen)
     mech_twin(*words, "--table", run)
     code, _, err = mech_twin("monitor", "vibration_crank", run, "--map", tmp_path / "backward.yaml")
     assert code == 2

@@ -6,6 +6,8 @@ as a share of the cycle, and isolation of single samples.  Losses hardly change 
 
     isolation = largest of |x_i - (x_(i-1) + x_(i+1))/2| - 2 |x_(i+1) - x_(i-1)|
 
+At an extremum of a smooth signal it depends on where the samples fall.  So a sample must stand out from the curvature,
+too: the part of x_i - (x_(i-1) + x_(i+1))/2 that a neighbour shares, with its sign.
 The limits come from the baseline.  A channel with exact plateaus in the healthy machine cannot be detected as stuck,
 and one whose samples come in bursts, as at events, has no spacing that could change.
 """
@@ -82,6 +84,7 @@ class ChannelQuality(NamedTuple):
     """A channel in one cycle: samples, quartile of spacing (s), share of longest equal run, isolation (SI).
 
     ``wrong_turns``: turns of the angle that counts the cycles, if they cannot be the machine's; below 0 backward.
+    ``curvature``: largest curvature (SI) that neighbouring samples show.
     """
 
     samples: int
@@ -89,6 +92,7 @@ class ChannelQuality(NamedTuple):
     equal_share: float
     isolation: float
     wrong_turns: int = 0
+    curvature: float = 0.0
 
 
 def is_whole(times_s: Array, begin_s: float, end_s: float) -> bool:
@@ -105,8 +109,8 @@ def channel_quality(times_s: Array, values: Array) -> ChannelQuality:
     """Return the quality of the samples (n,) of a channel within a cycle."""
     if len(values) < 3:
         return ChannelQuality(len(values), float("nan"), 0.0, 0.0)
-    spacing_s, longest, isolation = sample_quality(times_s, values)
-    return ChannelQuality(len(values), spacing_s, longest / len(values), isolation)
+    spacing_s, longest, isolation, curvature = sample_quality(times_s, values)
+    return ChannelQuality(len(values), spacing_s, longest / len(values), isolation, curvature=curvature)
 
 
 class SensorLimits(NamedTuple):
@@ -136,7 +140,7 @@ def sensor_limits(cycles: Sequence[tuple[float, Mapping[str, ChannelQuality]]]) 
     """Return the usual values from healthy cycles: duration (s) and the quality of each channel."""
     found = {}
     for column in dict.fromkeys(name for _, qualities in cycles for name in qualities):
-        rows = np.array([[period_s, *qualities[column][:4]] for period_s, qualities in cycles if column in qualities])
+        rows = np.array([[period_s, *qualities[column]] for period_s, qualities in cycles if column in qualities])
         rows = rows[rows[:, 1] >= 3]
         if not len(rows):
             continue
@@ -147,7 +151,7 @@ def sensor_limits(cycles: Sequence[tuple[float, Mapping[str, ChannelQuality]]]) 
             float(np.median(rows[:, 2])),
             float(np.clip(1.0 - np.quantile(rates, 0.001) / rate_hz, 0.0, 1.0)),
             float(rows[:, 3].max()),
-            float(rows[:, 4].max()),
+            float(rows[:, [4, 6]].max()) if rows[:, 4].any() else 0.0,
         )
     return found
 

@@ -100,18 +100,8 @@ def test_a_soft_spring_of_a_page_is_named_and_sized_and_its_mains_is_no_fault(tm
     sensors, runs = tmp_path / "sensors.yaml", [tmp_path / "soft.csv", tmp_path / "slow.csv"]
     sensors.write_text(HAMMER, encoding="utf-8")
     for run, change in zip(runs, ("spring_soft=-10%@20", "supply_frequency=-2%@20"), strict=True):
-        words = (
-            "simulate",
-            shipped("spring_hammer"),
-            "--duration",
-            30,
-            "--sensors",
-            sensors,
-            "--table",
-            run,
-            "--one-step",
-        )
-        assert not mech_twin(*words, "--change", change, "--json").code
+        words = ("simulate", shipped("spring_hammer"), "--duration", 30, "--one-step", "--change", change)
+        assert not mech_twin(*words, "--sensors", sensors, "--table", run, "--json").code
     asked = mech_twin("monitor", shipped("spring_hammer"), *runs, "--map", sensors, "--json")
     soft, slow = json.loads(asked.out)["runs"]
     (alarm,) = soft["alarms"]

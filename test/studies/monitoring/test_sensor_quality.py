@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mech_twin.capabilities.cycle import TURN
 from mech_twin.measurements.measurement_map import read_map
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.results.opened_runs import columns_of
@@ -178,3 +179,27 @@ def test_samples_that_come_in_bursts_have_no_spacing_that_could_change() -> None
     limits = sensor_limits([burst(12 if cycle % 10 else 5) for cycle in range(50)])
     assert sensor_findings(limits, *burst(12)) == ()
     assert sensor_findings(limits, *burst(5)) == ()
+
+
+def test_a_curve_that_samples_meet_at_other_phases_has_no_spikes_but_a_sample_beside_it_is_one() -> None:
+    """Ten to forty samples a turn, at the same phases in every healthy cycle, but for noise of 1e-6."""
+    random = np.random.default_rng(3)
+
+    def quality(count: int, phase: float, spike: float = 0.0) -> ChannelQuality:
+        times = np.arange(count) * 0.4 / count
+        angle = TURN * np.arange(count) / count + phase
+        values = np.cos(angle) + 0.4 * np.sin(2.0 * angle) + 1e-6 * random.standard_normal(count)
+        values[count // 3] += spike
+        return channel_quality(times, values)
+
+    tested = 0
+    for count in (10, 20, 40):
+        for phase in np.linspace(0.0, TURN / count, 40):
+            limits = sensor_limits([(0.4, {"a": quality(count, phase)}) for _ in range(5)])
+            for other in np.linspace(0.0, TURN, 50):
+                assert sensor_findings(limits, 0.4, {"a": quality(count, other)}) == ()
+            if limits["a"].isolation > 0.0:  # a sample met an extremum
+                (found,) = sensor_findings(limits, 0.4, {"a": quality(count, phase, 8.0)})
+                assert found.kind == "spikes"
+                tested += 1
+    assert tested >= 5
