@@ -39,7 +39,8 @@ from mech_twin.studies.monitoring.naming import (
     Signature,
     candidates,
     estimated_change,
-    has_gone,
+    mean_change,
+    recovered_cycles,
 )
 from mech_twin.studies.monitoring.operating import (
     OUTSIDE,
@@ -59,7 +60,7 @@ LEAST_NAMED = 6  # cycles after the settling before a change is diagnosed
 UNKNOWN_AFTER = 25  # cycles after the settling before it may be called unknown
 ONSET_CYCLES = 40  # after the alarm, in which the estimate of the onset is still updated
 NAMED_EACH_CYCLE, NAMED_EVERY = 25, 5  # diagnosis in each cycle after the alarm, later in every fifth
-NAMING_CYCLES = 80  # after the alarm, in which the diagnosis may still change
+NAMING_CYCLES = 80  # after the alarm; later the newest so many tell what a fault has become
 
 
 @dataclass(frozen=True)
@@ -234,7 +235,7 @@ class Monitor:
         found: tuple[Candidate, ...] = ()
         if episode is not None:
             often = episode.age <= NAMED_EACH_CYCLE or episode.age % NAMED_EVERY == 0
-            if often and episode.age <= NAMING_CYCLES and not episode.quiet:
+            if often and not episode.quiet:
                 episode.named = self._named(episode)
             verdict, found = episode.named
         announce = self._live_on(finding_name(verdict, found), vector.end_s)
@@ -313,27 +314,41 @@ class Monitor:
         return number, onset_s
 
     def _named(self, episode: _Episode) -> tuple[Verdict, tuple[Candidate, ...]]:
+        baseline, settling, late = self.setup.baseline, self.setup.settling_cycles, episode.age > NAMING_CYCLES
+        before, known = episode.change, episode.named
         since = [each for each in self._innovations if each[0] >= episode.onset]
-        rows = [innovation for *_, innovation, _ in since]
-        settling = self.setup.settling_cycles
-        enough = len(rows) >= settling + LEAST_NAMED
-        change = estimated_change(self.setup.baseline, np.array(rows), settling) if enough else None
+        rows = np.array([innovation for *_, innovation, _ in since])
+        well, recovered = recovered_cycles(baseline, before, rows) if before and known[1] else (0, False)
+        change = None
+        if late:
+            used = slice(max(0, len(rows) - well - NAMING_CYCLES), len(rows) - well)
+            change = mean_change(baseline, rows[used])
+        elif len(rows) >= settling + LEAST_NAMED:
+            used = slice(settling, None)
+            change = estimated_change(baseline, rows, settling)
         if change is None:
             return "pending", ()
-        change, before = change.doubted(self._off), episode.change
-        if before and episode.named[1] and change.lasts and has_gone(self.setup.baseline, before, np.array(rows)):
-            return episode.named
+        change = change.doubted(self._off)
+        if recovered and change.lasts:
+            return known
+        found = self._explained(change, [whole for *_, whole in since[used]])
+        another = late and finding_name(*found) != finding_name(*known)
+        if another and not (found[1] and (not known[1] or before is None or change.differs(before))):
+            return known
         episode.change = change
+        return found
+
+    def _explained(self, change: Change, cycles: Sequence[FeatureVector]) -> tuple[Verdict, tuple[Candidate, ...]]:
         outside = tuple(value.candidate for value in self._outside)
         if not change.lasts:
             return ("named", outside[:1]) if outside else ("passing", ())
         found = candidates(change, self.setup.signatures)
         moving = tuple(each for each in found if all(self._moves(each, value) for value in self._outside))
-        if outside and not moving and self._moved_alone([whole for *_, whole in since[settling:]]):
+        if outside and not moving and self._moved_alone(cycles):
             return "named", outside[:1]
         found = moving or found
         if not found:
-            return ("unknown" if len(rows) >= settling + UNKNOWN_AFTER else "pending"), ()
+            return ("unknown" if len(cycles) >= UNKNOWN_AFTER else "pending"), ()
         return ("named" if len(found) == 1 else "group"), found
 
     def _moves(self, fault: Candidate, value: OperatingValue) -> bool:

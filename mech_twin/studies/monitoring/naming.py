@@ -164,6 +164,11 @@ class Change(NamedTuple):
         """Whether the change is significant against noise."""
         return self.weight > float(chi2.isf(UNKNOWN_CHANCE, len(self.delta)))
 
+    def differs(self, before: Change) -> bool:
+        """Whether this change and an earlier one, each with noise of its own, are two."""
+        apart, known = self.delta - before.delta, self.covariance + before.covariance
+        return bool(apart @ np.linalg.solve(known, apart) > chi2.isf(GLITCH_CHANCE, len(apart)))
+
     def doubted(self, off: Array) -> Change:
         """Return the change with another error of each feature (d,), a standard deviation, added to its covariance."""
         return self._replace(covariance=self.covariance + np.diag(off**2))
@@ -184,30 +189,37 @@ def estimated_change(baseline: Baseline, innovations: Array, settling: int) -> C
     later = innovations[settling + max(baseline.order, 1) :]
     if not len(later):
         return None
-    later = _without_single_cycles(later, baseline.covariance)
-    steady = baseline.steady
-    stayed = later.mean(axis=0) / steady
-    known = baseline.covariance / (len(later) * np.outer(steady, steady))
+    mean = mean_change(baseline, later)
+    stayed, known, _ = mean
     impulse = baseline.impulse(settling + 1)
     apart = (impulse * innovations[settling::-1]).sum(axis=0) - stayed
     both = known + baseline.covariance * (impulse.T @ impulse)
     if apart @ np.linalg.solve(both, apart) > chi2.isf(PASSING_CHANCE, len(apart)):
-        return Change(stayed, known, float(len(later)))
+        return mean
     gain = np.linalg.solve(both, known).T
-    return Change(stayed + gain @ apart, known - gain @ known, 1.0 + len(later))
+    return Change(stayed + gain @ apart, known - gain @ known, 1.0 + mean.cycles)
 
 
-def has_gone(baseline: Baseline, change: Change, innovations: Array) -> bool:
-    """Return whether the newest innovations, of (n, d), are of a healthy machine and not of one with the change.
+def mean_change(baseline: Baseline, innovations: Array) -> Change:
+    """Return the change in the mean of cycles (n, d) that have settled, single outlying ones left out."""
+    later, steady = _without_single_cycles(innovations, baseline.covariance), baseline.steady
+    known = baseline.covariance / (len(later) * np.outer(steady, steady))
+    return Change(later.mean(axis=0) / steady, known, float(len(later)))
 
-    Of the newest cycles, however many: they pass as healthy, and are likelier so than changed, by the bound of rivals.
+
+def recovered_cycles(baseline: Baseline, change: Change, innovations: Array) -> tuple[int, bool]:
+    """Return how many of the newest innovations, of (n, d), are healthy rather than changed, and whether surely so.
+
+    So many as are likeliest, if they pass as healthy; surely, if the change costs more there by the bound of rivals.
     """
     changed = baseline.steady * change.delta
     weighted = np.linalg.solve(baseline.covariance, np.vstack([changed, innovations[::-1]]).T).T
     likelier = np.cumsum(weighted[0] @ changed - 2.0 * innovations[::-1] @ weighted[0])
-    squares = np.cumsum((innovations[::-1] * weighted[1:]).sum(axis=1))
-    degrees = innovations.shape[1] * np.arange(1, len(innovations) + 1)
-    return bool(np.any((likelier > RIVAL) & (squares <= chi2.isf(UNKNOWN_CHANCE, degrees))))
+    last = int(np.argmax(likelier))
+    squares = float((innovations[::-1][: last + 1] * weighted[1 : last + 2]).sum())
+    if likelier[last] <= 0.0 or squares > chi2.isf(UNKNOWN_CHANCE, (last + 1) * innovations.shape[1]):
+        return 0, False
+    return last + 1, bool(likelier[last] > RIVAL)
 
 
 def _without_single_cycles(innovations: Array, covariance: Array) -> Array:

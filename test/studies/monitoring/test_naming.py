@@ -153,6 +153,37 @@ def test_a_fault_that_has_gone_keeps_the_size_it_had(setup: MonitorSetup) -> Non
     assert np.mean(sizes) == pytest.approx(-0.3, abs=0.05)
 
 
+@pytest.mark.parametrize(
+    ("began", "became", "size"),
+    [(-0.1, "soft", -0.3), (-0.3, "soft", -0.1), (-0.3, "bent", -0.3)],
+    ids=["grows", "shrinks", "another"],
+)
+def test_a_standing_alarm_tells_what_its_fault_has_become(
+    setup: MonitorSetup, began: float, became: str, size: float
+) -> None:
+    sizes = []
+    for seed in range(8):
+        rows = autoregressive(500, COEFFICIENTS, COVARIANCE, 100 + seed)
+        rows[41:241] += EFFECTS["soft"] * np.sqrt(-began)
+        rows[241:] += EFFECTS[became] * np.sqrt(-size)
+        last = judged(Monitor(setup), vectors(rows)).alarms[-1]
+        sizes += [found.size for found in last.candidates if found.name == became]
+    assert len(sizes) >= 7
+    assert np.mean(sizes) == pytest.approx(size, abs=0.05)
+
+
+def test_a_standing_alarm_keeps_its_name(setup: MonitorSetup) -> None:
+    """Whatever noise does in hundreds of cycles, and with another fault beside the first."""
+    rows = autoregressive(2000, COEFFICIENTS, COVARIANCE, 100)
+    rows[41:] += EFFECTS["soft"] * np.sqrt(0.3)
+    rows[1500:] += EFFECTS["bent"] * np.sqrt(0.3)
+    monitor = Monitor(setup)
+    assert [(each.name, each.state) for each in judged(monitor, vectors(rows)).events] == [
+        ("soft", "pending"),
+        ("soft", "active"),
+    ]
+
+
 def test_a_fault_outlives_a_cycle_that_a_sensor_spoils(setup: MonitorSetup) -> None:
     """An acknowledged fault is no new one after it, and its alarm no second one."""
     rows = autoregressive(200, COEFFICIENTS, COVARIANCE, 108)
