@@ -270,3 +270,26 @@ def test_a_fifth_off_the_breakers_spring_rate_is_found_within_fifty_blows() -> N
     spring = next(candidate for candidate in alarm.candidates if candidate.name == "spring_soft")
     assert spring.low_95 <= -0.2 <= spring.high_95
     assert {candidate.name for candidate in alarm.candidates} <= {"spring_soft", "preload_lost"}
+
+
+@pytest.mark.slow
+def test_a_standing_alarm_follows_the_rate_of_the_breakers_spring() -> None:
+    machine, setup = commissioned("mb10_breaker")
+    begin_s, period_s = machine.declared.run_up_s, setup.baseline.period_s
+    each_s = 170.0 * period_s  # beyond the first cycles of an alarm, and the newest that are averaged
+    steps = [(begin_s + 30.4 * period_s + i * each_s, share) for i, share in enumerate([-0.06, -0.15, -0.1, -0.24])]
+    seen = seen_run(
+        machine.entry.build(machine.parameters), machine.sensors, steps[-1][0] + each_s,
+        random=np.random.default_rng(7), begin_s=begin_s,
+        changes=[
+            (at_s, machine.entry.build(machine.varied({"body.spring_rate_n_per_m": (1.0 + share) * 53300.0})))
+            for at_s, share in steps
+        ],
+    )  # fmt: skip
+    findings = findings_of(machine.vectors(seen), Monitor(setup))
+    assert sum(found.alarm_begins for found in findings) == 1
+    for at_s, share in steps:
+        last = [found for found in findings if at_s < found.time_s < at_s + each_s][-1]
+        spring = next(candidate for candidate in last.candidates if candidate.name == "spring_soft")
+        assert spring.low_95 <= share <= spring.high_95
+        assert spring.high_95 - spring.low_95 < 0.08
