@@ -21,9 +21,11 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float32
 
+from mech_twin.machines.mb10_breaker.forces import FLYING, IN_CONTACT, after_load
+from mech_twin.machines.mb10_breaker.state import KINDS
+from mech_twin.messages.step_message import LOAD_COLUMNS, set_stamp
 from mech_twin.messages.step_message import force as force_messages
 from mech_twin.messages.step_message import motor as motor_messages
-from mech_twin.messages.step_message import set_stamp
 from mech_twin.messages.topics import (
     EFFORT_COMMAND,
     STEP_BODY,
@@ -46,6 +48,22 @@ REPLACED = {
     "own_body.py": ("mb10_breaker", "body", STEP_BODY),
     "own_forces.py": ("winding_drum", "force_analysis", STEP_FORCES),
 }
+INTERRUPTED = """
+import os, signal, time
+from rclpy.publisher import Publisher
+
+publish = Publisher.publish
+
+
+def interrupted(self, message):
+    if "/step/" in self.topic_name:
+        os.kill(os.getpid(), signal.{})
+        time.sleep(0.2)  # for whoever else has heard the signal
+    publish(self, message)
+
+
+Publisher.publish = interrupted
+"""
 STEPS = 60
 FORCE_MACHINE, BODY_MACHINE = "winding_drum", "mb10_breaker"
 
@@ -57,7 +75,7 @@ def test_a_node_of_ones_own_is_short_and_needs_nothing_of_ours(program: str) -> 
     tree = ast.parse(PROGRAMS[program])
     imported = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
     imported |= {str(node.module) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
-    assert imported == {"rclpy", "rclpy.executors", "sensor_msgs.msg"}
+    assert imported == {"rclpy", "rclpy.signals", "sensor_msgs.msg", "signal"}
 
 
 @pytest.mark.parametrize("program", REPLACED)
@@ -78,6 +96,35 @@ def test_a_node_of_ones_own_takes_the_place_of_ours(program: str, tmp_path: Path
         assert any("~source" not in message.name for message in heard), "only ours was heard"
         process.send_signal(signal.SIGINT)
         assert (process.communicate(timeout=20)[1], process.returncode) == (b"", 0)
+
+
+@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])
+@pytest.mark.parametrize("program", REPLACED)
+def test_a_signal_in_the_midst_of_an_answer_ends_a_node_of_ones_own_quietly(
+    program: str, number: str, tmp_path: Path
+) -> None:
+    name, role, _ = REPLACED[program]
+    file = tmp_path / program
+    file.write_text(INTERRUPTED.format(number) + PROGRAMS[program], encoding="utf-8")
+    with BenchRun(name) as run:
+        run.steps(20)
+        run.kill(role)
+        with subprocess.Popen([sys.executable, str(file)], stderr=subprocess.PIPE) as process:
+            try:
+                run.until(lambda: process.poll() is not None)
+                assert (process.communicate()[1], process.returncode) == (b"", 0)
+            finally:
+                process.kill()
+
+
+def test_the_page_names_each_event_that_moves_a_body_and_the_rows_that_tell_it() -> None:
+    table = PAGE.partition("| KIND |")[2].partition("\n\n")[0]
+    named = {
+        kind for cells in re.findall(r"^\| (`.*?) \|", table, re.MULTILINE) for kind in re.findall(r"`(\w+)`", cells)
+    }
+    moving = {kind for at, kind in enumerate(KINDS) if any(after_load(r, at, 1.0) != r for r in (IN_CONTACT, FLYING))}
+    assert named == moving - {"body_started", "body_stopped"} | {"reset"}  # the page's body has no friction
+    assert {*LOAD_COLUMNS, "body_angle_rad", "body_rate_rad_per_s"} <= set(re.findall(r"`(\w+)`", PAGE))
 
 
 def test_the_page_names_the_topics_of_the_code() -> None:
