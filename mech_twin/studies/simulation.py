@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a run gives, collected frame by frame: of one in progress, and of a whole one."""
 
+import math
 from collections import Counter, deque
 from collections.abc import Callable
 from functools import cached_property
@@ -13,6 +14,7 @@ from mech_twin.roles import Machine
 from mech_twin.samples import Event, Frame
 
 KEPT_EVENTS = 20_000  # 2 kB each; the bound keeps the memory of long runs constant
+GAP_S = 0.1  # a twentieth of the two seconds of a breaker's means
 
 
 class RunMetrics:
@@ -73,9 +75,10 @@ class RunMetrics:
 
 
 class ChangingObserver:
-    """Metrics of a run whose parameters may change, and which a reset begins anew.
+    """Metrics of a run whose parameters may change, and which a reset or a gap begins anew.
 
     A reset returns crank, works and counts to their start while time goes on: no mean or count holds across it.
+    Nor does one across a gap, as between the parts of a snapshot; a lost step or two are none.
 
     Parameters
     ----------
@@ -88,6 +91,7 @@ class ChangingObserver:
     def __init__(self, machine: Machine, machine_at: Callable[[int], Machine] | None = None) -> None:
         self._machine, self._observer = machine, machine.observer()
         self._machine_at = machine_at or (lambda step: machine)
+        self._next_step, self._time_s = 0, math.inf
 
     def observe(self, frame: Frame) -> None:
         """Add one frame."""
@@ -95,8 +99,10 @@ class ChangingObserver:
         if machine is not self._machine:
             self._machine = machine
             machine.goes_on(self._observer)
-        if is_reset(frame.linkage):
+        step, time_s = frame.linkage[:2]
+        if is_reset(frame.linkage) or (step > self._next_step and time_s - self._time_s > GAP_S):
             self._observer = machine.observer()
+        self._next_step, self._time_s = step + 1, time_s
         self._observer.observe(frame)
 
     def numbers(self) -> dict[str, float]:

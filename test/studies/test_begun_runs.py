@@ -45,6 +45,17 @@ def test_after_a_reset_the_numbers_are_those_of_a_run_of_its_own(name):
             assert found[key] == pytest.approx(value, rel=1e-6, abs=1e-9), key
 
 
+@pytest.mark.parametrize("name", [*NAMES, *ON_PAGES])
+def test_after_a_gap_the_numbers_are_those_of_a_recording_begun_there(name):
+    """Of a breaker's snapshot the blow rate was a fifth, and its first blow after the gap not seated."""
+    machine = built(name)
+    run = list(frames(machine, 2.0))
+    late = [frame for frame in run if frame.linkage.time_s >= 1.2]
+    early = [frame for frame in run if frame.linkage.time_s <= 0.8]
+    assert numbers(machine, early + late) == pytest.approx(numbers(machine, late), rel=0, abs=0, nan_ok=True)
+    assert numbers(machine, run[:-3] + run[-1:]) != numbers(machine, run[-1:])
+
+
 def test_after_a_reset_a_page_settles_again():
     machine = machine_of(ON_PAGES[0], None, {"settle_s": 0.5})
     found = numbers(machine, after_a_reset(machine, 1.0, 1.0))
