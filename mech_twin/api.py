@@ -22,6 +22,7 @@ from mech_twin.parameters.load import machine as built_machine
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.process.interruption import raising_interrupt
 from mech_twin.results.objects import Analysis, Columns, Numbers, Run, RunComparison, SizingResult
+from mech_twin.roles import own_name
 
 if TYPE_CHECKING:
     from mech_twin.capabilities.design import Design
@@ -101,7 +102,7 @@ def simulate(
             simulation.trajectory.append(frame)
             if recorder is not None:
                 recorder.write(frame)
-    title = f"{built.name}: {duration_s:g} s"
+    title = f"{own_name(built.name, built.parameters)}: {duration_s:g} s"
     return Run(
         built.name,
         built.parameters,
@@ -129,8 +130,9 @@ def analyse(
     positions = whole_number("positions", positions, 1, MOST_POSITIONS)
     built = built_machine(machine, _path(config), settings)
     cycle = analysed_columns(built, cycle_positions(positions))
-    numbers = Numbers(f"{built.name}: without a run", built.report())
-    return Analysis(built.name, built.parameters, numbers, Columns(f"{built.name}: one cycle", "crank_rad", cycle))
+    name = own_name(built.name, built.parameters)
+    numbers = Numbers(f"{name}: without a run", built.report())
+    return Analysis(built.name, built.parameters, numbers, Columns(f"{name}: one cycle", "crank_rad", cycle))
 
 
 @raising_interrupt()
@@ -169,7 +171,7 @@ def sweep(
             machine, axes, Path(directory) / "points.csv", parameters=known, outputs=outputs, duration_s=duration_s,
             cores=cores, scheduler=scheduler, picture=False,
         )  # fmt: skip
-    return Columns(f"{done.asked.machine}: sweep", next(iter(axes)), columns(done.asked, done.points))
+    return Columns(f"{own_name(machine, known)}: sweep", next(iter(axes)), columns(done.asked, done.points))
 
 
 @raising_interrupt()

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import mech_twin
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -377,6 +378,20 @@ def test_a_page_is_a_path_or_its_text(tmp_path: Path) -> None:
     file = tmp_path / "fall.yaml"
     file.write_text("bodies: {m: {mass_kg: 1}}\njoints: {s: {kind: slider, between: [ground, m]}}\n", encoding="utf-8")
     assert mt.simulate(file, 0.01).summary == mt.simulate(str(file), 0.01).summary
+
+
+def test_what_is_shown_of_a_page_names_it(tmp_path: Path) -> None:
+    page = str(Path(__file__).parents[1] / "config/pages/slider_crank.yaml")
+    words = {"simulate": ["--duration", "0.01", "--one-step"], "analyse": [], "study": ["sweep", "--no-picture"]}
+    words["study"] += ["--over", "drives.motor.speed_rpm=1,2", "--out", str(tmp_path / "sweep.csv")]
+    shown = [mt.size(page), mt.sweep(page, {"drives.motor.speed_rpm": [1.0, 2.0]}), mt.analyse(page)]
+    run = mt.simulate(page, 0.01)
+    shown += [run, mt.compare(run, run), mt.rollout(page, 0.01)]
+    for verb, options in words.items():
+        document = mech_twin(verb, page, *options, "--json").out
+        (tmp_path / "document.json").write_text(document, encoding="utf-8")
+        shown.append(mt.from_json(tmp_path / "document.json"))
+    assert {re.split(r"\W", repr(each))[0] for each in shown} == {"slider_crank"}
 
 
 def test_settings_by_group_and_by_dotted_key_count_together_and_stay_as_they_are():

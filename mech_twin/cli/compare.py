@@ -34,6 +34,7 @@ from mech_twin.studies.run_comparison import (
     columns_apart,
     compared,
     drawn_side_by_side,
+    names_of,
     require_one_machine,
 )
 from mech_twin.studies.simulation import Simulation
@@ -66,7 +67,7 @@ def compare_sides(request: CompareVerb) -> None:
         if request.as_json:
             print_json(_document(found))
         else:
-            _show(_named(sides), found, request.everything)
+            _show(names_of(sides), found, request.everything)
         say(*_remarks(sides))
         if overlay is not None:
             overlay.tell(sides, found)
@@ -250,11 +251,6 @@ def _document(found: Comparison) -> dict[str, Any]:
     return {**head, "tolerance": found.tolerance, "within_tolerance": not found.beyond, **rows}
 
 
-def _named(sides: Sequence[ComparedRun]) -> str:
-    """Return the name of the machine, of a page its own; two pages may have two."""
-    return " and ".join(dict.fromkeys(str(side.configuration.get("name", side.machine)) for side in sides))
-
-
 def _show(name: str, found: Comparison, all_numbers: bool) -> None:
     say_result(f"{name}\n  A  {found.labels[0]}\n  B  {found.labels[1]}")
     if found.settings:
@@ -325,7 +321,7 @@ class Overlay:
         """Send the differences, and the pairs of times at equal angles of the cycle."""
         for side in (self.first, self.second):
             side.end()
-        self._tell_machine(_named(sides))
+        self._tell_machine(names_of(sides))
         machine = self.first.machine
         leading = None if machine is None or machine.mechanism is None else _leading_angle(machine, sides[0])
         pairs = None if leading is None else at_equal_angle(sides[0], sides[1], leading)

@@ -14,6 +14,7 @@ from mech_twin.engine.trajectory import Residual
 from mech_twin.errors import StudyError
 from mech_twin.measurements.columns import Columns, Numbers
 from mech_twin.process.dependencies import require_extra
+from mech_twin.roles import own_name
 from mech_twin.samples import Event
 
 if TYPE_CHECKING:
@@ -126,10 +127,13 @@ class RunComparison:
     sides: tuple[ComparedRun, ComparedRun] | tuple[()] = ()
 
     def __repr__(self) -> str:
+        from mech_twin.studies.run_comparison import names_of
+
         found = self.found
         settings = [f"  {item.name}: {item.first}, {item.second}" for item in found.settings]
         apart = f"{len(found.beyond)} of {len(found.numbers)} numbers differ by more than {found.tolerance:g}"
-        return "\n".join([f"{found.machine}: {' and '.join(found.labels)}", *settings, apart])
+        name = names_of(self.sides) or found.machine
+        return "\n".join([f"{name}: {' and '.join(found.labels)}", *settings, apart])
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return every number of both sides and its relative difference, by name; needs the extra 'pandas'."""
@@ -183,7 +187,8 @@ class SizingResult(Sizing):
     """Sizes of a machine's parts (`Sizing`), exportable as a data frame and a figure."""
 
     def __repr__(self) -> str:
-        return f"{Numbers(f'{self.machine}: least {self.objective}', self.sizes)!r}\nbinding: {self.binding}"
+        name = own_name(self.machine, self.parameters)
+        return f"{Numbers(f'{name}: least {self.objective}', self.sizes)!r}\nbinding: {self.binding}"
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return the sizes with their units, by configuration key; needs the extra 'pandas'."""
@@ -202,7 +207,7 @@ class SizingResult(Sizing):
             raise StudyError(f"{self.machine}: this sizing has no other choices to compare")
         names = list(self.trade_off[0])
         rows = {name: [row[name] for row in self.trade_off] for name in names}
-        return Columns(f"{self.machine}: around the choice", names[0], rows)
+        return Columns(f"{own_name(self.machine, self.parameters)}: around the choice", names[0], rows)
 
     def plot(self, *names: str) -> Figure:
         """Return a figure of the metrics near the result; see `Columns.plot`."""

@@ -36,6 +36,7 @@ from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.load import catalogue_entry, validated
 from mech_twin.results import printed_documents
 from mech_twin.results.objects import Analysis, Run, RunComparison, SizingResult
+from mech_twin.roles import own_name
 from mech_twin.samples import Event
 from mech_twin.studies.declared_studies import asked_of
 from mech_twin.studies.design_scan import DesignScan, read_scan
@@ -151,13 +152,14 @@ def _run(document: Document) -> Run:
     name = document["machine"]
     parameters = _parameters(name, document["config"])
     samples = document.get("samples", {"time_s": []})
-    built, numbers = catalogue_entry(name).build(parameters), _numbers(name, document["summary"])
+    built, title = catalogue_entry(name).build(parameters), own_name(name, parameters)
+    numbers = _numbers(title, document["summary"])
     units = shown_units(built)
     return Run(
         name,
         parameters,
         numbers,
-        Columns(name, "time_s", samples, units),
+        Columns(title, "time_s", samples, units),
         read_as(tuple[Event, ...], document["events"]),
         {key: Residual(**residual) for key, residual in document["residuals"].items()},
         tuple(built.remarks(numbers)),
@@ -165,9 +167,10 @@ def _run(document: Document) -> Run:
 
 
 def _analysis(document: Document) -> Analysis:
-    name = document["machine"]
-    cycle = Columns(name, "crank_rad", document.get("cycle", {"crank_rad": []}))
-    return Analysis(name, _parameters(name, document["config"]), _numbers(name, document["summary"]), cycle)
+    name, parameters = document["machine"], _parameters(document["machine"], document["config"])
+    title = own_name(name, parameters)
+    cycle = Columns(title, "crank_rad", document.get("cycle", {"crank_rad": []}))
+    return Analysis(name, parameters, _numbers(title, document["summary"]), cycle)
 
 
 def _sizes(document: Document) -> SizingResult:
@@ -189,7 +192,8 @@ def _points(document: Document) -> Columns:
     rows = document["rows"]
     names = dict.fromkeys(name for row in rows for name in row)
     columns = {name: [nan if row.get(name) is None else row[name] for row in rows] for name in names}
-    return Columns(f"{document['machine']}: sweep", next(iter(names)), columns)
+    name = document.get("config", {}).get("name", document["machine"])  # of a page its own
+    return Columns(f"{name}: sweep", next(iter(names)), columns)
 
 
 def _designs(document: Document) -> list[Design]:

@@ -75,8 +75,8 @@ class EnergyBooks:
         """
         rows = np.array(self._rows)
         turns = self._joint is not None
-        if turns:
-            rows = last_turn(rows)
+        if self._joint is not None:
+            rows = last_turn(rows, self._joint)
         if len(rows) < LEAST_SAMPLES:
             raise StudyError(f"{len(rows)} samples in the cycle; expected {LEAST_SAMPLES} or more: a longer run")
         since = rows - rows[0]
@@ -91,8 +91,8 @@ class EnergyBooks:
         return EnergyFlow(rows[:, 0], way / way[-1], moving, None if self._held is None else since[:, 2], turns)
 
 
-def last_turn(rows: Array) -> Array:
-    """Return the rows (time, angle, ...) of the last whole turn of an angle, its start interpolated between samples.
+def last_turn(rows: Array, joint: str) -> Array:
+    """Return the rows (time, angle, ...) of the last whole turn of a joint, its start interpolated between samples.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def last_turn(rows: Array) -> Array:
     sign = 1.0 if angle[-1] >= angle[0] else -1.0
     turned = np.maximum.accumulate(sign * (angle - angle[0]))
     if turned[-1] < TURN:
-        raise StudyError(f"the crank makes {turned[-1] / TURN:.3g} of a turn; expected a whole one: a longer run")
+        raise StudyError(f"joint {joint} makes {turned[-1] / TURN:.3g} of a turn; expected a whole one: a longer run")
     begin = turned[-1] - TURN
     first = int(np.searchsorted(turned, begin))
     if first == 0 or turned[first] == begin:

@@ -24,7 +24,7 @@ from mech_twin.parameters.live_change import live_numbers
 from mech_twin.parameters.load import catalogue_entry, changed_configuration, machine_parameters
 from mech_twin.process.dependencies import require_extra
 from mech_twin.process.interruption import raising_interrupt
-from mech_twin.roles import Machine
+from mech_twin.roles import Machine, own_name
 from mech_twin.samples import Frame
 from mech_twin.studies.spreading import used_cores
 
@@ -53,8 +53,8 @@ class NamedRollOut(RollOut):
     @property
     def samples(self) -> Columns:
         """The columns as a table: ``to_pandas()``, ``to_arrow()``, ``plot()``."""
-        title = f"{self.name}: {self.columns['time_s'][-1] - self.columns['time_s'][0]:g} s"
-        return Columns(title, "time_s", self.columns, self.units)
+        name, times = own_name(self.name, self.machines[0][1].parameters), self.columns["time_s"]
+        return Columns(f"{name}: {times[-1] - times[0]:g} s", "time_s", self.columns, self.units)
 
     def plot(self, *names: str) -> Figure:
         """Return a figure of columns over time; see `Columns.plot`."""

@@ -74,6 +74,11 @@ def require_one_machine(labels: Sequence[str], machines: Sequence[str]) -> None:
         raise StudyError(f"A ({labels[0]}) is {machines[0]}, B ({labels[1]}) {machines[1]}; expected one machine")
 
 
+def names_of(sides: Sequence[ComparedRun]) -> str:
+    """Return the name of the machine, of a page its own; two pages may have two."""
+    return " and ".join(dict.fromkeys(str(side.configuration.get("name", side.machine)) for side in sides))
+
+
 def compared(first: ComparedRun, second: ComparedRun, tolerance: float = 0.0) -> Comparison:
     """Return the comparison of two sides.
 

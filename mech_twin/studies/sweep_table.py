@@ -5,10 +5,11 @@ import csv
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydantic import BaseModel
 
 from mech_twin.capabilities.arguments import by_name, real_number, several
@@ -31,6 +32,7 @@ MOST_POINTS = 10_000_000
 REFUSED = "refused"
 PANELS = 6
 CURVES = 8
+TICKS = 5  # intervals on a linear axis: more labels touch
 
 
 @dataclass(frozen=True)
@@ -214,6 +216,7 @@ def write_picture(asked: Question, found: Sequence[Point], path: Path) -> bool:
     """Plot the first six numbers that vary; return whether there was anything to plot.
 
     One key gives a line, two a map; more keys give lines over the first key, with the others at their first values.
+    A key of one value stands in the title.
     """
     table = columns(asked, found)
     names = [name for name in table if name not in (*asked.keys, REFUSED) and varies(table[name])][:PANELS]
@@ -221,25 +224,27 @@ def write_picture(asked: Question, found: Sequence[Point], path: Path) -> bool:
         return False
     from mech_twin.capabilities.plots import house_style
 
+    held = [f"{key} = {values[0]}" for key, values in asked.axes if len(values) == 1]
+    title = ", ".join([f"{asked.tree.get('name', asked.machine)}: {asked.count} points", *held])
     with house_style():
-        _draw(asked, table, names, path)
+        _draw(replace(asked, axes=tuple(axis for axis in asked.axes if len(axis[1]) > 1)), title, table, names, path)
     return True
 
 
-def _draw(asked: Question, table: dict[str, list[Any]], names: Sequence[str], path: Path) -> None:
+def _draw(asked: Question, title: str, table: dict[str, list[Any]], names: Sequence[str], path: Path) -> None:
     from mech_twin.capabilities.plots import DPI, sheet
 
     wide = min(len(names), 3 if len(asked.axes) == 2 else 2)
     tall = math.ceil(len(names) / wide)
     figure, panels = sheet(tall, wide, 4.0 * wide, 3.2 * tall)
     for axes, name in zip(panels, names, strict=False):
-        if len(asked.axes) == 2 and min(len(values) for _, values in asked.axes) > 1:
+        if len(asked.axes) == 2:
             _map(figure, axes, asked, table[name], name)
         else:
             _lines(axes, asked, table[name], name)
     for axes in panels[len(names) :]:
         axes.set_axis_off()
-    figure.suptitle(f"{asked.machine}: {asked.count} points", x=0.01, ha="left", fontweight="bold")
+    figure.suptitle(title, x=0.01, ha="left", fontweight="bold")
     with written_file(path, force=True) as unfinished:
         figure.savefig(unfinished, dpi=DPI)
 
@@ -264,6 +269,8 @@ def _lines(axes: Any, asked: Question, values: Sequence[float], name: str) -> No
         curve = [values[i * stride + place * inner] for i in range(len(first))]
         label = f"{shown[0]} = {shown[1][place]}" if shown else None
         axes.plot(_places(first), curve, ".-", label=label)
+    if _places(first) == list(first):
+        _scaled(axes, "x", first)
     axes.set_xlabel(key)
     axes.set_ylabel(name)
     if shown:
@@ -273,7 +280,8 @@ def _lines(axes: Any, asked: Question, values: Sequence[float], name: str) -> No
 def _map(figure: Any, axes: Any, asked: Question, values: Sequence[float], name: str) -> None:
     (down, rows), (across, entries) = asked.axes
     grid = [list(values[i * len(entries) : (i + 1) * len(entries)]) for i in range(len(rows))]
-    mesh = axes.pcolormesh(_spots(entries), _spots(rows), grid, shading="nearest", cmap="viridis")
+    cells = [_scaled(axes, axis, _spots(spots)) for axis, spots in (("x", entries), ("y", rows))]
+    mesh = axes.pcolormesh(*cells, grid, cmap="viridis")
     for axis, spots in ((axes.xaxis, entries), (axes.yaxis, rows)):
         if _spots(spots) != list(spots):
             axis.set_ticks(_spots(spots), [str(value) for value in spots])
@@ -282,6 +290,26 @@ def _map(figure: Any, axes: Any, asked: Question, values: Sequence[float], name:
     axes.set_title(name, fontsize=9)
     axes.set_xlabel(across)
     axes.set_ylabel(down)
+
+
+def _scaled(axes: Any, axis: str, spots: Sequence[Any]) -> Any:
+    """Make an axis logarithmic if its spots span a decade and are more even so; return the edges of their cells."""
+    at = np.asarray(spots, dtype=np.float64)
+    logarithmic = 0.0 < 10.0 * at.min() <= at.max() and _unevenness(np.log(at)) < _unevenness(at)
+    if logarithmic:
+        axes.set(**{f"{axis}scale": "log"})
+        at = np.log(at)
+    else:
+        axes.locator_params(axis=axis, nbins=TICKS)
+    between = (at[1:] + at[:-1]) / 2.0
+    edges = np.concatenate((2.0 * at[:1] - between[:1], between, 2.0 * at[-1:] - between[-1:]))
+    return np.exp(edges) if logarithmic else edges
+
+
+def _unevenness(at: Any) -> float:
+    """Return the largest gap over the least."""
+    gaps = np.diff(np.unique(at))
+    return float(gaps.max() / gaps.min())
 
 
 def _spots(values: Sequence[Value]) -> list[Any]:

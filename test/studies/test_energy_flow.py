@@ -61,13 +61,13 @@ def test_the_books_of_a_turn_balance_with_what_is_held(name):
 
 def test_the_last_turn_begins_between_samples():
     angle = np.linspace(0.5, 15.0, 100)
-    rows = last_turn(np.column_stack((2.0 * angle, angle, -3.0 * angle)))
+    rows = last_turn(np.column_stack((2.0 * angle, angle, -3.0 * angle)), "drum")
     assert rows[-1, 1] - rows[0, 1] == pytest.approx(2.0 * math.pi, rel=1e-12)
     assert rows[0] == pytest.approx([2.0 * rows[0, 1], rows[0, 1], -3.0 * rows[0, 1]], rel=1e-12)
-    within = last_turn(np.column_stack((2.0 * angle, angle % (2.0 * math.pi), -3.0 * angle)))
+    within = last_turn(np.column_stack((2.0 * angle, angle % (2.0 * math.pi), -3.0 * angle)), "drum")
     assert within == pytest.approx(rows, rel=1e-12)
-    with pytest.raises(StudyError, match=r"makes 0\.1\d+ of a turn"):
-        last_turn(rows[rows[:, 1] <= rows[0, 1] + 1.0])
+    with pytest.raises(StudyError, match=r"^joint drum makes 0\.1\d+ of a turn"):
+        last_turn(rows[rows[:, 1] <= rows[0, 1] + 1.0], "drum")
 
 
 @pytest.mark.slow

@@ -8,13 +8,15 @@ from pathlib import Path
 import pytest
 from pyarrow import parquet
 
+from mech_twin.capabilities import plots
+from mech_twin.capabilities.plots import sheet
 from mech_twin.errors import StudyError
 from mech_twin.parameters.errors import key_units
 from mech_twin.parameters.load import machine, machine_parameters
 from mech_twin.studies import sweep
 from mech_twin.studies.parameter_sweep import SweepJournal, journal_of
 from mech_twin.studies.spreading import spread
-from mech_twin.studies.sweep_table import Question, question
+from mech_twin.studies.sweep_table import Point, Question, question, write_picture
 
 pytestmark = pytest.mark.slow
 
@@ -100,6 +102,40 @@ def test_any_values_of_two_keys_are_drawn_as_a_map(tmp_path, rods):
     axes = {"rod_m" if None not in rods else "masses.rotating_kg": rods, "crank_m": (0.08, 0.1)}
     done = sweep("vibration_crank", axes, tmp_path / "m.csv", outputs=("drive_torque_peak_nm",), cores=1)
     assert done.picture is not None and done.picture.stat().st_size > 5000
+
+
+@pytest.fixture
+def drawn(monkeypatch, tmp_path):
+    """Return a function that draws a sweep of these axes, whose number is the sum, and returns figure and panel."""
+    made = []
+    monkeypatch.setattr(plots, "sheet", lambda *size: made.append(sheet(*size)) or made[-1])
+
+    def draw(**axes):
+        asked = Question("m", {}, tuple(axes.items()), (), 0.0)
+        found = [Point(i, {"sum": sum(asked.changes(i).values())}, "") for i in range(asked.count)]
+        assert write_picture(asked, found, tmp_path / "m.png")
+        return made[-1][0], made[-1][1][0]
+
+    return draw
+
+
+EVEN, DECADES = (100.0, 200.0, 300.0, 1000.0, 1100.0), (1.0, 10.0, 20.0, 100.0)
+
+
+def test_values_spread_over_decades_stand_on_a_logarithmic_axis(drawn):
+    assert drawn(a=DECADES)[1].get_xscale() == "log"
+    for values in (EVEN, (0.0, *DECADES), (2.0, 4.0, 8.0)):
+        assert drawn(a=values)[1].get_xscale() == "linear"
+    (mesh, *_) = drawn(down=DECADES, across=EVEN)[1].collections
+    across, down = mesh.get_coordinates()[0, :, 0], mesh.get_coordinates()[:, 0, 1]
+    assert list(across) == pytest.approx([50.0, 150.0, 250.0, 650.0, 1050.0, 1150.0])
+    assert list(down) == pytest.approx([10.0**-0.5, 10.0**0.5, 200.0**0.5, 2000.0**0.5, 5.0**0.5 * 100.0])
+
+
+def test_a_key_of_one_value_stands_in_the_title_and_the_others_are_drawn(drawn):
+    figure, panel = drawn(held=(3.0,), a=EVEN)
+    assert (figure.get_suptitle(), panel.get_xlabel()) == ("m: 5 points, held = 3.0", "a")
+    assert list(panel.lines[0].get_ydata()) == pytest.approx([3.0 + value for value in EVEN])
 
 
 def test_two_processes_give_what_one_gives(tmp_path):
