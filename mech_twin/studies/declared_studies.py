@@ -194,7 +194,7 @@ def size(
     parameters : Parameters, optional
         The rest of the configuration; the installed one if absent.
     limits : mapping, optional
-        Limits that differ from the usual ones, by name (``LIMITS`` of the machine's file in `each machine`).
+        Limits that differ from the usual ones, by name, which an unknown one lists.
     objective : str, optional
         Objective to minimise; the first of the machine's ``OBJECTIVES`` if absent.
     tolerance : float, optional

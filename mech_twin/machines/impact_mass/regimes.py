@@ -10,7 +10,8 @@ The order of the motion is the number of forcing periods between them.
 *Not resolved*: periodic by release, but a perturbation of the size of rounding (1e-16) does not stay small from
 one release to the next: the order found would be an accident of the arithmetic.
 *Periodic*, by return: gap and velocity at the period starts repeat after k periods, throughout a window of
-`WINDOW` periods, within 1e-9 of the largest gap and speed in it; k at most half the window.
+`WINDOW` periods, within 1e-9 of the largest gap and speed in it; k at most half the window.  What parts them after
+fewer periods must stay: a motion that settles slowly, by turns on either side, has not a period of 2.
 Neither: the run is doubled, `DOUBLINGS` times, as it may be a long transient.
 *Chaotic* then if the largest Lyapunov exponent (closed-form tangent map of flights and blows) exceeds 0.01 a period
 in both halves of a last long window.
@@ -166,7 +167,8 @@ class PeriodTable(NamedTuple):
 class LongRunRegime:
     """Long-run regime of the motion.
 
-    ``impacts_per_period`` lists one period of the motion (a completed series counts as -1 in its period: endless);
+    ``impacts_per_period`` lists one period of the motion (a completed series counts as -1 in its period: endless).
+    It ends with the endless series, or begins where it is least, so that equal motions have equal lists.
     ``blows_m_per_s`` are the hardest blows of these periods (of the last window where there is no period).
     ``growth`` is the factor by which a perturbation grows from release to release, if periodic by release.
     """
@@ -209,12 +211,14 @@ def recorded(motion: MassMotion, system: ImpactSystem, periods: int) -> tuple[Ma
 
 
 def return_period(table: PeriodTable) -> int:
-    """Return the least k after which gap and velocity repeat throughout the table, or 0."""
+    """Return the least k after which gap and velocity repeat throughout the table; 0 if none, or still settling."""
     state = np.column_stack([table.gap_m, table.velocity_m_per_s])
     scale = np.abs(state).max(axis=0)
     for k in range(1, len(state) // 2 + 1):
         if np.all(np.abs(state[k:] - state[:-k]) <= RETURN_TOLERANCE * scale):
-            return k
+            parted = (np.abs(state[d:] - state[:-d]) for d in range(1, k) if k % d == 0)
+            faded = (each[:k].max(axis=0) - each[-k:].max(axis=0) for each in parted)
+            return 0 if any(np.any(each > 0.5 * RETURN_TOLERANCE * scale) for each in faded) else k
     return 0
 
 
@@ -227,7 +231,11 @@ def release_period(table: PeriodTable) -> int:
 def _periodic(table: PeriodTable, k: int, walked: int, growth: float | None) -> LongRunRegime:
     last = table.last(k)
     impacts = tuple(-1 if ends > 0.0 else int(n) for ends, n in zip(last.chatter_ends, last.impacts, strict=True))
-    completed = bool(np.any(last.chatter_ends > 0.0))
+    completed = -1 in impacts
+    hardest = last.hardest_m_per_s.tolist()
+    starts = [i for i in range(k) if not completed or impacts[i - 1] == -1]
+    first = min(starts, key=lambda i: (impacts[i:] + impacts[:i], -hardest[i]))
+    impacts, last = impacts[first:] + impacts[:first], PeriodTable(*(np.roll(column, -first) for column in last))
     return LongRunRegime("periodic", k, impacts, completed, last.blows_m_per_s, None, walked, growth)
 
 

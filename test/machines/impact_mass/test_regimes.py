@@ -32,6 +32,21 @@ def test_figure_3b_is_an_exact_period_5_motion():
     assert sorted(found.impacts_per_period) == [-1, 1, 1, 1, 1]
 
 
+def test_a_motion_has_one_list_of_impacts_wherever_its_periods_are_counted_from():
+    found = [regime_of(at(phase1_duration_s=0.0316), settling) for settling in range(1000, 1007)]
+    assert {each.impacts_per_period for each in found} == {(1, 3, 1, 2, 4, 1, -1)}
+    assert {each.blows_m_per_s for each in found} == {found[0].blows_m_per_s}
+
+
+@pytest.mark.parametrize(
+    ("restitution", "phase1_s", "force_n"),
+    [(0.21439, 0.02233, -149.13645), (0.31247, 0.02081, -95.90603), (0.53174, 0.01826, -30.6884)],
+)
+def test_a_motion_that_settles_by_turns_on_either_side_has_a_period_of_1(restitution, phase1_s, force_n):
+    found = regime_of(at(restitution=restitution, phase1_duration_s=phase1_s, phase2_force_n=force_n))
+    assert (found.kind, found.period, found.impacts_per_period) == ("periodic", 1, (1,))
+
+
 def test_a_negative_mean_force_escapes_and_a_positive_one_does_not():
     border = 0.05 / 3.0  # 1000 t1 = 500 (T - t1)
     assert regime_of(at(phase1_duration_s=border * 0.999)).kind == "escape"
