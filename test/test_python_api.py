@@ -132,6 +132,11 @@ def test_every_axis_of_a_comparison_has_a_unit():
     assert not [label for label in pure if "position" in label or "velocity" in label or "effort" in label]
 
 
+def test_points_of_a_grid_are_joined_by_no_line():
+    spots, shared = Columns("trial", "a", {"a": [1, 2], "y": [3, 4]}), Columns("trial", "a", {"a": [1, 1], "y": [3, 4]})
+    assert [each.plot().axes[0].lines[0].get_linestyle() for each in (spots, shared)] == ["-", "None"]
+
+
 def test_nothing_that_varies_gives_no_picture():
     with pytest.raises(ValueError, match="no column that varies"):
         Columns("trial", "time_s", {"time_s": [0.0, 1.0], "force_n": [2.0, 2.0]}).plot()
@@ -290,6 +295,7 @@ def test_a_roll_out_is_a_table_with_units_and_takes_settings():
     run = mt.rollout("mb10_breaker", 0.01, {"body.preload_deflection_m": 0.012})
     as_run = mt.simulate("mb10_breaker", 0.01, {"body.preload_deflection_m": 0.012}).samples
     assert {name: run.samples.units[name] for name in as_run} == as_run.units
+    assert run.units == run.samples.units
     assert all(run[name].tobytes() == as_run[name].astype(float).tobytes() for name in as_run)
     assert run.to_pandas()["time_s"].tolist() == run["time_s"].tolist()
     assert run.plot("linkage.crank.velocity").axes[0].get_ylabel() == "crank velocity [rad/s]"

@@ -114,6 +114,8 @@ class Columns(_WithUnits[NDArray[Any]]):
     def plot(self, *names: str) -> Figure:
         """Return a figure of columns over `along`, one panel for each unit; needs the extra 'plots'.
 
+        Rows that share a place, as those of a sweep of two keys, are points and no line.
+
         Parameters
         ----------
         *names : str
@@ -122,12 +124,13 @@ class Columns(_WithUnits[NDArray[Any]]):
         require_extra("plots")
         from mech_twin.capabilities.plots import house_style, sheet
 
-        panels = self._panels(names)
+        panels, along = self._panels(names), self[self.along]
+        line = "-" if len(set(along.tolist())) == len(along) else "."
         with house_style():
             figure, all_axes = sheet(len(panels), 1, height=1.2 + 1.9 * len(panels), sharex=True)
             for axes, (unit, drawn) in zip(all_axes, panels.items(), strict=True):
                 for name in drawn:
-                    axes.plot(self[self.along], self[name], label=name if len(drawn) > 1 else None)
+                    axes.plot(along, self[name], line, label=name if len(drawn) > 1 else None)
                 axes.set_ylabel(axis_title(drawn[0], self._units[drawn[0]]) if len(drawn) == 1 else unit)
                 if len(drawn) > 1:
                     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from mech_twin.capabilities.arguments import by_name, several
+from mech_twin.declarations.captions import unit_of
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.coupling import Profile
 from mech_twin.engine.rollout import RollOut, RunPlan, planned
@@ -267,7 +268,8 @@ class _Member:
 
     def named(self, found: RollOut) -> NamedRollOut:
         parts = {part.name: getattr(found, part.name) for part in fields(found)}
-        return NamedRollOut(**parts, name=self.name, units=self.units)
+        units = {column: unit_of(column) or self.units.get(column, "") for column in found.columns}
+        return NamedRollOut(**parts, name=self.name, units=units)
 
 
 def _member(
