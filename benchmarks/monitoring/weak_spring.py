@@ -3,8 +3,9 @@
 
     python benchmarks/monitoring/weak_spring.py FOLDER [--healthy-s 40] [--pictures]
 
-A breaker with hidden parameters runs in another process; its sensors, noisy, are another one.  It is recorded,
-identified, watched; its spring weakens; the operator acknowledges the fault and accepts the advice.  Times are the
+A breaker with hidden parameters runs in another process; its sensors, noisy, and its control, which takes a preload,
+are another one.  It is recorded, identified, watched; its spring weakens, which nobody tells; the operator acknowledges
+the fault and accepts the advice.  Times are the
 machine's, so a busy computer makes it slower and nothing else.  A recording or a configuration that is in the folder
 already is not made again.
 """
@@ -28,7 +29,7 @@ import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.srv import SetParameters
-from rclpy.executors import ExternalShutdownException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
@@ -52,6 +53,8 @@ NAME, FIGURE = "mb10_breaker", "body_mean_rad"
 HIDDEN = ("body.inertia_kg_m2=6.4", "tool.restitution=0.36")
 SPRING, PRELOAD = "body.spring_rate_n_per_m", "body.preload_deflection_m"
 WEAK, USUAL_PRELOAD_M = 0.8 * 53300.0, 0.0139
+HIDDEN_NAMESPACE = "hidden"
+SETTINGS = f"/{HIDDEN_NAMESPACE}/linkage/set_parameters"
 SENSORS, RATE_HZ = "/plant/sensors", 200.0
 PARTS = {"joint_states": ("crank", 1e-3), "motor/joint_states": ("rotor", 0.2), "body/joint_states": ("body", 5e-4)}
 MAP = """machine: mb10_breaker
@@ -101,10 +104,21 @@ def beside(words: list[str], shown: bool = True) -> Iterator[subprocess.Popen[by
 
 
 def sensors() -> None:
-    """Show what noisy sensors make of the machine's joints, all of an instant in one message; until a signal."""
+    """Show what noisy sensors make of the machine's joints, all of an instant in one message; until a signal.
+
+    The control beside them passes a preload on, and no other parameter.
+    """
     settle_domain()
     rclpy.init(args=[])
     node, random = rclpy.create_node("sensors"), np.random.default_rng(3)
+    control = rclpy.create_node("linkage", namespace="plant")
+    control.declare_parameter(PRELOAD, USUAL_PRELOAD_M)
+    machine = node.create_client(SetParameters, SETTINGS)
+
+    def pass_on(changed: list[Parameter]) -> None:
+        machine.call_async(SetParameters.Request(parameters=[each.to_parameter_msg() for each in changed]))
+
+    control.add_post_set_parameters_callback(pass_on)
     out = node.create_publisher(JointState, SENSORS, DATA)
     waiting: dict[Any, dict[str, float]] = {}
 
@@ -125,16 +139,19 @@ def sensors() -> None:
 
     for part in PARTS:
         node.create_subscription(
-            JointState, f"/plant/{part}", lambda raw, part=part: on_joints(part, raw), DATA, raw=True
+            JointState, f"/{HIDDEN_NAMESPACE}/{part}", lambda raw, part=part: on_joints(part, raw), DATA, raw=True
         )
     with suppress(KeyboardInterrupt, ExternalShutdownException):
-        rclpy.spin(node)
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        executor.add_node(control)
+        executor.spin()
 
 
 def plant(*words: object) -> list[str]:
     """Return the command of the machine with hidden parameters."""
     settings = [word for pair in (*HIDDEN, f"run.stream_rate_hz={RATE_HZ}") for word in ("--set", pair)]
-    return command("run", NAME, "--namespace", "plant", "--no-record", "--view", "none", *settings, *words)
+    return command("run", NAME, "--namespace", HIDDEN_NAMESPACE, "--no-record", "--view", "none", *settings, *words)
 
 
 class Operator:
@@ -258,7 +275,7 @@ def story(healthy_s: float) -> None:
 def weakened(operator: Operator) -> None:
     """Weaken the spring, and do what an operator does."""
     change = Parameter(SPRING, value=WEAK).to_parameter_msg()
-    answer = operator.call(SetParameters, "/plant/linkage/set_parameters", SetParameters.Request(parameters=[change]))
+    answer = operator.call(SetParameters, SETTINGS, SetParameters.Request(parameters=[change]))
     assert answer.results[0].successful, answer.results[0].reason
     operator.note(f"the spring weakens: {SPRING} = {WEAK:g}")
     operator.until(lambda: "active" in operator.faults.values(), "the fault")
