@@ -142,6 +142,9 @@ def test_grafana_loads_the_dashboard_whole_and_what_it_asks_for_is_scraped() -> 
     assert {target.datasource.uid for target in targets} == {f"${{{asked_at_import['name']}}}"}
 
 
+LOG = "mosquitto.log"
+
+
 @contextmanager
 def mosquitto(folder: Path, port: int) -> Iterator[None]:
     """Run a broker that keeps nothing on the disk."""
@@ -150,7 +153,7 @@ def mosquitto(folder: Path, port: int) -> Iterator[None]:
         pytest.skip("no MQTT broker here: apt-get install mosquitto; CI has one")
     config = folder / "mosquitto.conf"
     config.write_text(f"listener {port} 127.0.0.1\nallow_anonymous true\npersistence false\n", encoding="utf-8")
-    with subprocess.Popen([program, "-c", str(config)], stderr=subprocess.DEVNULL) as process:
+    with (folder / LOG).open("w") as log, subprocess.Popen([program, "-v", "-c", str(config)], stderr=log) as process:
         yield
         process.terminate()
 
@@ -227,6 +230,17 @@ def test_a_broker_that_comes_back_empty_is_told_again(tmp_path: Path, port: int)
     with mosquitto(tmp_path, port), listening(port) as heard:
         until(lambda: TOPIC in heard)
         outlet.close()
+
+
+def test_of_what_happens_while_a_broker_is_away_it_hears_the_newest_alone(tmp_path: Path, port: int) -> None:
+    outlet = MqttOutlet(f"127.0.0.1:{port}", "mb10_breaker")
+    for life in (FaultLife("spring_soft", "pending", 9.0), ACTIVE, acknowledged(ACTIVE, 11.0)):
+        outlet.send(alerts(life))
+    with mosquitto(tmp_path, port), listening(port) as heard:
+        until(lambda: TOPIC in heard)
+        assert json.loads(heard[TOPIC])["acknowledged"]
+        outlet.close()
+    assert (tmp_path / LOG).read_text(encoding="utf-8").count("Received PUBLISH") == 1
 
 
 def test_a_broker_that_is_not_there_stops_nothing() -> None:

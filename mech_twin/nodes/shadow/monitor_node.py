@@ -96,14 +96,15 @@ class MqttOutlet:
             payload = payloads.get(topic, b"")
             if self._sent.get(topic, b"") != payload:
                 self._sent[topic] = payload
-                self._client.publish(topic, payload, qos=1, retain=True)
+                if self._client.is_connected():  # else on_connect sends the newest alone
+                    self._client.publish(topic, payload, qos=1, retain=True)
 
     def _on_connect(self, client: Any, data: Any, flags: Any, reason: Any, properties: Any) -> None:
         self.state = f"refused: {reason}" if reason.is_failure else "connected"
         if not reason.is_failure:
             client.subscribe(self._every, qos=1)
-            for topic, payload in tuple(self._sent.items()):
-                client.publish(topic, payload, qos=1, retain=True)
+            for topic in tuple(self._sent):
+                client.publish(topic, self._sent[topic], qos=1, retain=True)
 
     def _on_disconnect(self, client: Any, data: Any, flags: Any, reason: Any, properties: Any) -> None:
         self.state = self.state if self.state.startswith("refused") else "not connected"
