@@ -41,10 +41,10 @@ from mech_twin.messages.topics import (
 )
 from mech_twin.nodes.run.domain import NameInUseError
 from mech_twin.nodes.run.name_guard import NameGuard
-from mech_twin.nodes.shadow.inputs import own_map, sensed_channels
+from mech_twin.nodes.shadow.inputs import StampOrigin, own_map, sensed_channels
 from mech_twin.nodes.shadow.session import Company, followed_namespace
 from mech_twin.nodes.shadow.shadow_node import FOLLOWED
-from mech_twin.nodes.shadow.viewer_node import ShadowState, channel_title, state_line
+from mech_twin.nodes.shadow.viewer_node import ShadowState, channel_title, shown_cards, state_line
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.recording.bag_reader import open_bag
 from mech_twin.studies.monitoring.findings import FaultLife
@@ -200,6 +200,13 @@ def test_the_line_of_state_names_what_the_operator_must_see() -> None:
     silent = state_line(ShadowState("waiting: STALE, nothing from the machine for 2.0 s", "model", None, 0.0, None))
     assert "STALE" in silent
     assert "no monitor" in silent
+
+
+def test_a_page_whose_times_are_not_of_the_machines_clock_tells_where_they_begin() -> None:
+    origin, state = StampOrigin(), ShadowState("locked", "shadow", 1.5, 0.0, None)
+    origin.seconds(Stamp(1_800_000_009, 500_000_000))
+    assert shown_cards(state, origin)[-1].shown == "1800000009 s"
+    assert len(shown_cards(state, StampOrigin())) == 2
 
 
 def test_silence_is_said_and_estimates_are_held_with_growing_sigma() -> None:

@@ -11,6 +11,7 @@ from mech_twin.declarations.captions import titled
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.measurements.units import column_unit, joint_column, shown_unit, sliding_in
 from mech_twin.nodes.exchange.base_node import TwinNode
+from mech_twin.nodes.shadow.inputs import StampOrigin
 from mech_twin.nodes.shadow.monitor_node import MonitorNode
 from mech_twin.nodes.shadow.shadow_node import ShadowNode
 from mech_twin.parameters.load import catalogue_entry
@@ -123,10 +124,8 @@ class ShadowViewerNode(TwinNode):
 
     def _picture(self, model: Sequence[Shape] = (), measured: Sequence[Shape] = ()) -> ShadowPicture:
         state = self._state()
-        largest, name = state.largest_sigma, "largest residual"
-        cards = (Card("level", state.level), Card(name, f"{largest:.1f} sigma", name, largest, "sigma", GATE**0.5))
         faults = () if self._monitor is None else shown_faults(self._monitor.live)
-        known = state_line(state), state.observer, cards, faults, self._advice()
+        known = state_line(state), state.observer, shown_cards(state, self._shadow.origin), faults, self._advice()
         return ShadowPicture(model, measured, *known, self._fit())
 
     def _fit(self) -> ShownFit | None:
@@ -145,6 +144,14 @@ class ShadowViewerNode(TwinNode):
         observer = shadow.diagnostics.state  # as old as the last peer check
         observer = observer if observer.startswith("waiting") else shadow.observer.state.value
         return ShadowState(observer, shadow.level, time_s, self._largest_sigma, faults)
+
+
+def shown_cards(state: ShadowState, origin: StampOrigin) -> tuple[Card, ...]:
+    """Return the headline of a shadow, with the second that its times count from if that is not 0."""
+    largest, name = state.largest_sigma, "largest residual"
+    residual = Card(name, f"{largest:.1f} sigma", name, largest, "sigma", GATE**0.5)
+    clock = (Card("machine's clock at t = 0", f"{origin.second} s"),) if origin.second else ()
+    return Card("level", state.level), residual, *clock
 
 
 def shown_faults(live: LiveMonitor) -> tuple[ShownFault, ...]:
