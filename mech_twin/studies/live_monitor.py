@@ -78,8 +78,8 @@ def changes_by_faults(
 def fault_values(setup: MonitorSetup, life: FaultLife, found: Findings, origin_s: float = 0.0) -> dict[str, str]:
     """Return the values of a fault for a panel: state, statistics and thresholds, ARL0, delay, candidates.
 
-    Times are of the machine's clock, which is at ``origin_s`` at stamp 0.  Candidates, begin and delay are left empty
-    where the newest cycle has another fault.
+    Times are of the machine's clock, which is at ``origin_s`` at stamp 0.  Begin and delay are left empty where the
+    newest cycle has another fault.
     """
     own = life.name == found.finding
     values = {
@@ -92,8 +92,7 @@ def fault_values(setup: MonitorSetup, life: FaultLife, found: Findings, origin_s
         "began s": f"{origin_s + found.onset_s:.3f}" if own else "",
         "candidates": "; ".join(
             f"{c.name} {c.size:.4g} ({c.low_95:.4g} to {c.high_95:.4g}) {shown_unit(c.unit)}".rstrip()
-            for c in found.candidates
-            if own or c.name == life.name
+            for c in life.candidates
         ),
     }
     statistics = () if found.charts is None else found.charts.statistics

@@ -30,13 +30,13 @@ from mech_twin.studies.monitoring.naming import Candidate
 LIMIT_S = 30.0
 SOFT = Candidate("spring_soft", -0.2, -0.23, -0.17, "1", 0.01)
 FOUND = Findings(9, 12.0, ("a",), np.zeros(1), None, verdict="named", candidates=(SOFT,))
-ACTIVE = FaultLife("spring_soft", "active", 10.0)
+ACTIVE = FaultLife("spring_soft", "active", 10.0, candidates=(SOFT,))
 QUIET = Thresholds(1.0, 1.0, 1.0)
 BASELINE = Baseline(("a",), np.zeros(1), np.zeros((0, 1)), np.eye(1), 100, 0.1)
 
 
 def alerts(life: FaultLife) -> tuple[Alert, ...]:
-    return alerts_of("mb10_breaker", [life], FOUND, 12.0, origin_s=1000.0)
+    return alerts_of("mb10_breaker", [life], 12.0, origin_s=1000.0)
 
 
 def until(predicate: Callable[[], bool]) -> None:
@@ -48,7 +48,9 @@ def until(predicate: Callable[[], bool]) -> None:
 
 def test_an_acknowledged_or_shelved_fault_is_no_alarm() -> None:
     (alert,) = alerts(ACTIVE)
-    assert alert == Alert("mb10_breaker", "spring_soft", "active", 1010.0, -0.2, -0.23, -0.17, "1", False, True)
+    assert alert == Alert(
+        "mb10_breaker", "spring_soft", "active", 1010.0, -0.2, -0.23, -0.17, "1", "spring_soft", False, True
+    )
     assert not alerts(acknowledged(ACTIVE, 11.0))[0].alarm
     assert not alerts(shelved(ACTIVE, 100.0))[0].alarm
     assert not alerts(FaultLife("spring_soft", "pending", 10.0))[0].alarm

@@ -311,7 +311,7 @@ class MonitorNode(TwinNode):
         if message.status:
             self._faults.send(message)
         own = self.get_namespace().removeprefix("/")
-        alerts = alerts_of(own, self.live.monitor.lives.values(), found, self._now_s, origin_s)
+        alerts = alerts_of(own, self.live.monitor.lives.values(), self._now_s, origin_s)
         for outlet in self.outlets:
             outlet.send(alerts)
 

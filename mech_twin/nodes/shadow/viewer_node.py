@@ -162,9 +162,10 @@ def shown_faults(live: LiveMonitor) -> tuple[ShownFault, ...]:
     shown = []
     for life in live.monitor.lives.values():
         if life.state in SEEN:
-            best = found.best_of(life.name)
             until_s = life.shelved_until_s if life.shelved_until_s > found.time_s else None
-            shown.append(ShownFault(life.name, life.state, life.since_s, _size(best), life.is_acknowledged, until_s))
+            shown.append(
+                ShownFault(life.name, life.state, life.since_s, _size(life.candidates), life.is_acknowledged, until_s)
+            )
     return tuple(shown)
 
 
@@ -191,7 +192,8 @@ def _interval(key: KeyVerdict) -> str:
     return f"{key.low_95:.{digits}g} to {key.high_95:.{digits}g}"
 
 
-def _size(best: Candidate | None) -> str:
+def _size(candidates: tuple[Candidate, ...]) -> str:
+    best = next(iter(candidates), None)
     if best is None or not math.isfinite(best.size):
         return ""
     return f"{best.name} {best.size:.4g} ({best.low_95:.4g} to {best.high_95:.4g}) {shown_unit(best.unit)}".rstrip()

@@ -54,6 +54,8 @@ class FaultLife(NamedTuple):
         Whether it was acknowledged since it became active.
     shelved_until_s : float
         Stamp until which it is not announced.
+    candidates : tuple of Candidate
+        Faults that explained the change when it was last seen, best first.
     """
 
     name: str
@@ -62,6 +64,7 @@ class FaultLife(NamedTuple):
     cycles: int = 0
     is_acknowledged: bool = False
     shelved_until_s: float = float("-inf")
+    candidates: tuple[Candidate, ...] = ()
 
     def is_announced(self, time_s: float) -> bool:
         """Return whether it is shown to the operator: active or latched, not shelved."""
@@ -175,10 +178,6 @@ class Findings(NamedTuple):
         """Name of the fault, of the group (`a or b`), or ``unknown``; otherwise empty."""
         return finding_name(self.verdict, self.candidates)
 
-    def best_of(self, name: str) -> Candidate | None:
-        """Return the best candidate for a fault or a group; None without one."""
-        return next((each for each in self.candidates if name in (self.finding, each.name)), None)
-
 
 def finding_name(verdict: Verdict, found: tuple[Candidate, ...]) -> str:
     """Return the name of a finding: the candidates joined by "or", ``unknown``, or empty."""
@@ -198,8 +197,8 @@ class Alert(NamedTuple):
         Time by the machine's clock at which it entered that state.
     size, low_95, high_95 : float or None
         Estimate and 95 % interval of the best candidate, in ``unit``; None where there is no estimate.
-    unit : str
-        Of the size.
+    unit, size_of : str
+        Of the size, and the fault of a group whose size it is.
     acknowledged : bool
         Whether an operator has acknowledged it.
     alarm : bool
@@ -214,19 +213,16 @@ class Alert(NamedTuple):
     low_95: float | None
     high_95: float | None
     unit: str
+    size_of: str
     acknowledged: bool
     alarm: bool
 
 
-def alerts_of(
-    machine: str, lives: Iterable[FaultLife], found: Findings, now_s: float, origin_s: float = 0.0
-) -> tuple[Alert, ...]:
+def alerts_of(machine: str, lives: Iterable[FaultLife], now_s: float, origin_s: float = 0.0) -> tuple[Alert, ...]:
     """Return one alert per fault, cleared ones included, so that an outlet can remove them.
 
     Parameters
     ----------
-    found : Findings
-        Findings of the newest cycle; its candidates give the sizes.
     now_s : float
         Current stamp; it decides whether a fault is still shelved.
     origin_s : float
@@ -234,11 +230,10 @@ def alerts_of(
     """
     alerts = []
     for life in lives:
-        best = found.best_of(life.name)
-        numbers = (nan, nan, nan) if best is None else best[1:4]
-        size, low, high = (each if isfinite(each) else None for each in numbers)
-        alarm, unit = life.is_announced(now_s) and not life.is_acknowledged, "" if best is None else best.unit
+        best = life.candidates[0] if life.candidates else Candidate("", nan, nan, nan, "", nan)
+        size, low, high = (each if isfinite(each) else None for each in best[1:4])
+        alarm = life.is_announced(now_s) and not life.is_acknowledged
         since_s = origin_s + life.since_s
-        sized = (size, low, high, unit)
+        sized = (size, low, high, best.unit, best.name)
         alerts.append(Alert(machine, life.name, life.state, since_s, *sized, life.is_acknowledged, alarm))
     return tuple(alerts)

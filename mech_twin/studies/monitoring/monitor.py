@@ -214,8 +214,8 @@ class Monitor:
                 self._events.append(FaultEvent(vector.end_s, name, "withdrawn", f"it is {first.name}"))
                 self.lives[name] = FaultLife(name, "cleared", vector.end_s)
         sensors = {name for name in self.lives if name.startswith(SENSOR)}
-        announce = self._live_on(first.name, vector.end_s, {first.name, *sensors}, f"size {first.size:.4g}")
         found = (Candidate(first.name, first.size, first.size, first.size, "1", 0.0),)
+        announce = self._live_on(first.name, found, vector.end_s, {first.name, *sensors}, f"size {first.size:.4g}")
         return Findings(
             vector.number, vector.end_s, self.setup.baseline.names, self._nothing, None, self._episode is not None,
             verdict="named", onset_s=vector.begin_s, candidates=found, faults=self._living(), announce=announce,
@@ -238,7 +238,7 @@ class Monitor:
             if often and not episode.quiet:
                 episode.named = self._named(episode)
             verdict, found = episode.named
-        announce = self._live_on(finding_name(verdict, found), vector.end_s)
+        announce = self._live_on(finding_name(verdict, found), found, vector.end_s)
         self._withdraw(finding_name(verdict, found), vector.end_s)
         onset_s, delay = (float("nan"), 0) if episode is None else (episode.onset_s, episode.delay)
         return Findings(
@@ -367,7 +367,14 @@ class Monitor:
         assert surface is not None
         return surface.open_share(np.mean([each.row(surface.names) for each in cycles], axis=0)) <= MODEL_SHARE**2
 
-    def _live_on(self, seen: str, time_s: float, judged: Collection[str] | None = None, because: str = "") -> bool:
+    def _live_on(
+        self,
+        seen: str,
+        found: tuple[Candidate, ...],
+        time_s: float,
+        judged: Collection[str] | None = None,
+        because: str = "",
+    ) -> bool:
         """Advance the state of every fault, or of those in ``judged``; return whether to announce one now.
 
         ``because`` is said with a change of state of the one that is seen.
@@ -379,7 +386,7 @@ class Monitor:
             if judged is not None and name not in judged:
                 continue
             later = after_cycle(life, name == seen, time_s, self.setup.rules)
-            self.lives[name] = later
+            self.lives[name] = later._replace(candidates=found) if name == seen else later
             if later.state != life.state:
                 self._events.append(FaultEvent(time_s, name, later.state, because if name == seen else ""))
             rises = later.state == "active" and life.state in ("pending", "cleared")

@@ -16,7 +16,7 @@ from studies.monitoring.synthetic import autoregressive, vectors
 from mech_twin.files.output_file import plain
 from mech_twin.studies.monitoring.baseline import Baseline, fitted_baseline
 from mech_twin.studies.monitoring.charts import chart_limits
-from mech_twin.studies.monitoring.findings import Findings
+from mech_twin.studies.monitoring.findings import Findings, alerts_of
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
 from mech_twin.studies.monitoring.naming import Change, Signature, candidates, estimated_change
 from mech_twin.studies.monitoring.report import judged
@@ -139,6 +139,25 @@ def test_a_fault_that_goes_is_latched_until_somebody_has_seen_it(setup: MonitorS
     assert list(dict.fromkeys(states)) == ["pending", "active", "latched"]
     monitor.acknowledge("soft", 40.0)
     assert not [life for life in monitor.observe(vectors(rows[300:301], 300)[0]).faults if life.name == "soft"]
+
+
+def test_an_alert_tells_the_size_last_seen_until_its_fault_is_cleared_and_of_a_group_whose_it_is(
+    setup: MonitorSetup,
+) -> None:
+    rows = autoregressive(400, COEFFICIENTS, COVARIANCE, 8)
+    rows[40:120] += EFFECTS["worn"] * np.sqrt(0.3)
+    monitor, told = Monitor(replace(setup, sensors={"a": SensorLimits(1000.0, 0.001, 0.0, 0.1, 1.0)})), {}
+    usual = ChannelQuality(100, 0.001, 0.01, 1.0)
+    for vector in vectors(rows[:300]):
+        spoilt = usual._replace(isolation=50.0) if vector.number == 100 else usual
+        monitor.observe(vector._replace(quality={"a": spoilt}))
+        alerts = {each.name: each for each in alerts_of("none", monitor.lives.values(), vector.end_s)}
+        told[vector.number] = alerts.get("twin_of_worn or worn")
+    for cycle, state in ((99, "active"), (100, "active"), (299, "latched")):
+        alert = told[cycle]
+        assert alert.state == state
+        assert alert.low_95 <= -0.3 <= alert.high_95
+        assert alert.size_of in ("worn", "twin_of_worn")
 
 
 def test_a_fault_that_has_gone_keeps_the_size_it_had(setup: MonitorSetup) -> None:
