@@ -45,6 +45,7 @@ from mech_twin.nodes.shadow.session import (
 from mech_twin.nodes.shadow.shadow_node import ShadowNode, ShadowSetup
 from mech_twin.studies.advice import AdviceOutput, AdviceWish, Recommendation, offered
 from mech_twin.studies.advice_search import COMMAND
+from mech_twin.studies.monitoring.cycle_features import FeatureVector
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
 NAME = "vibration_crank"
@@ -245,6 +246,14 @@ def test_a_fault_that_an_accepted_advice_hides_is_as_large_as_before(advisor: Ad
     advisor.known_changes = lambda: {} if (size := next(sizes)) is None else {"rate_n_per_m": size}
     found = [seen(value) for value in (1.0, 1.0, 0.9, 0.9, 0.9)]
     assert found == [{"rate_n_per_m": size} for size in (100.0, 80.0, 80.0)] + [{}, {"rate_n_per_m": 70.0}]
+
+
+def test_an_advisor_that_has_ended_begins_no_search(advisor: AdvisorNode) -> None:
+    advisor.close()
+    for number in range(10):
+        begin_s, figure = 10.0 * number, np.array([100.0 + number])
+        advisor._on_cycle(FeatureVector(number, begin_s, begin_s + 10.0, (advisor.wish.figure,), figure))
+    assert advisor._thinking is None
 
 
 @pytest.mark.parametrize("event", ["command", "restart"])

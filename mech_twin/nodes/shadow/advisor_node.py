@@ -176,8 +176,9 @@ class AdvisorNode(TwinNode):
         }
 
     def close(self) -> None:
-        """Undo a trial, and end the computation."""
+        """Undo a trial, and end the computation; samples may still come while the decision is recorded."""
         self._take(ended(self.state, self._now_s))
+        self._decided_s = float("inf")
         self._beside.end()
 
     # -- the machine's cycles ---------------------------------------------------------------------------------------
