@@ -236,18 +236,6 @@ def test_a_speed_that_another_commands_ends_a_trial_and_is_where_the_next_advice
     assert (advisor.state.phase, advisor.state.in_force, advisor._value) == ("idle", False, 0.7)
 
 
-def test_a_fault_that_an_accepted_advice_hides_is_as_large_as_before(advisor: AdvisorNode) -> None:
-    sizes = iter([100.0, 80.0, 90.0, None, 70.0])
-
-    def seen(value: float) -> dict[str, float]:
-        advisor.on_setting(COMMAND, value)
-        return dict(advisor._fault_changes())
-
-    advisor.known_changes = lambda: {} if (size := next(sizes)) is None else {"rate_n_per_m": size}
-    found = [seen(value) for value in (1.0, 1.0, 0.9, 0.9, 0.9)]
-    assert found == [{"rate_n_per_m": size} for size in (100.0, 80.0, 80.0)] + [{}, {"rate_n_per_m": 70.0}]
-
-
 def test_an_advisor_that_has_ended_begins_no_search(advisor: AdvisorNode) -> None:
     advisor.close()
     for number in range(10):

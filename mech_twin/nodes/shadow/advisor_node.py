@@ -83,7 +83,6 @@ class AdvisorNode(TwinNode):
         self._origin, self._now_s = origin, 0.0  # end of the newest cycle, on the time base of the samples
         self.has_fault: Callable[[], bool] = lambda: False
         self.known_changes: Callable[[], Mapping[str, Any]] = dict
-        self._known: Mapping[str, Any] = {}
         self._columns = tuple(columns)
         self._feed = FeatureFeed(self.model.declared, list(dict.fromkeys(columns)))
         self._value = wish.output.value
@@ -197,15 +196,8 @@ class AdvisorNode(TwinNode):
         if is_free and is_due and len(self._figures) == self.wish.cycles:
             measured = np.array(self._figures)
             self._figures.clear()
-            model = self.model.under(self._fault_changes())
+            model = self.model.under(self.known_changes())
             self._thinking = self._beside.submit(recommendation, model, self._value, measured, self._now_s)
-
-    def _fault_changes(self) -> Mapping[str, Any]:
-        """Return the keys changed by the fault as it was before the output was: that hides a part of the fault."""
-        changes = self.known_changes()
-        if self._value == self.wish.output.value or changes.keys() != self._known.keys():
-            self._known = changes
-        return self._known
 
     def _found(self, thinking: Future[Recommendation | None]) -> Recommendation | None:
         try:

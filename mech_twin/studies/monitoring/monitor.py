@@ -39,8 +39,8 @@ from mech_twin.studies.monitoring.naming import (
     Signature,
     candidates,
     estimated_change,
+    has_gone,
     mean_change,
-    recovered_cycles,
 )
 from mech_twin.studies.monitoring.operating import (
     OUTSIDE,
@@ -60,7 +60,7 @@ LEAST_NAMED = 6  # cycles after the settling before a change is diagnosed
 UNKNOWN_AFTER = 25  # cycles after the settling before it may be called unknown
 ONSET_CYCLES = 40  # after the alarm, in which the estimate of the onset is still updated
 NAMED_EACH_CYCLE, NAMED_EVERY = 25, 5  # diagnosis in each cycle after the alarm, later in every fifth
-NAMING_CYCLES = 80  # after the alarm; later the newest so many tell what a fault has become
+NAMING_CYCLES = 80  # after the alarm; later the newest so many tell whether the fault has grown
 
 
 @dataclass(frozen=True)
@@ -315,25 +315,20 @@ class Monitor:
 
     def _named(self, episode: _Episode) -> tuple[Verdict, tuple[Candidate, ...]]:
         baseline, settling, late = self.setup.baseline, self.setup.settling_cycles, episode.age > NAMING_CYCLES
-        before, known = episode.change, episode.named
         since = [each for each in self._innovations if each[0] >= episode.onset]
-        rows = np.array([innovation for *_, innovation, _ in since])
-        well, recovered = recovered_cycles(baseline, before, rows) if before and known[1] else (0, False)
-        change = None
+        since = since[-NAMING_CYCLES:] if late else since
+        rows, change = np.array([innovation for *_, innovation, _ in since]), None
         if late:
-            used = slice(max(0, len(rows) - well - NAMING_CYCLES), len(rows) - well)
-            change = mean_change(baseline, rows[used])
+            change = mean_change(baseline, rows)
         elif len(rows) >= settling + LEAST_NAMED:
-            used = slice(settling, None)
             change = estimated_change(baseline, rows, settling)
         if change is None:
             return "pending", ()
-        change = change.doubted(self._off)
-        if recovered and change.lasts:
+        change, before, known = change.doubted(self._off), episode.change, episode.named
+        if not late and before and known[1] and change.lasts and has_gone(baseline, before, rows):
             return known
-        found = self._explained(change, [whole for *_, whole in since[used]])
-        another = late and finding_name(*found) != finding_name(*known)
-        if another and not (found[1] and (not known[1] or before is None or change.differs(before))):
+        found = self._explained(change, [whole for *_, whole in since[0 if late else settling :]])
+        if late and not (found[1] and (not known[1] or before is None or change.outgrows(before))):
             return known
         episode.change = change
         return found

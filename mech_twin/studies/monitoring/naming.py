@@ -164,10 +164,10 @@ class Change(NamedTuple):
         """Whether the change is significant against noise."""
         return self.weight > float(chi2.isf(UNKNOWN_CHANCE, len(self.delta)))
 
-    def differs(self, before: Change) -> bool:
-        """Whether this change and an earlier one, each with noise of its own, are two."""
-        apart, known = self.delta - before.delta, self.covariance + before.covariance
-        return bool(apart @ np.linalg.solve(known, apart) > chi2.isf(GLITCH_CHANCE, len(apart)))
+    def outgrows(self, before: Change) -> bool:
+        """Whether it is larger along itself than an earlier one, each with noise of its own, by the bound of rivals."""
+        weighted = np.linalg.solve(self.covariance + before.covariance, self.delta)
+        return bool(weighted @ (self.delta - before.delta) > np.sqrt(RIVAL * (weighted @ self.delta)))
 
     def doubted(self, off: Array) -> Change:
         """Return the change with another error of each feature (d,), a standard deviation, added to its covariance."""
@@ -207,19 +207,17 @@ def mean_change(baseline: Baseline, innovations: Array) -> Change:
     return Change(later.mean(axis=0) / steady, known, float(len(later)))
 
 
-def recovered_cycles(baseline: Baseline, change: Change, innovations: Array) -> tuple[int, bool]:
-    """Return how many of the newest innovations, of (n, d), are healthy rather than changed, and whether surely so.
+def has_gone(baseline: Baseline, change: Change, innovations: Array) -> bool:
+    """Return whether the newest innovations, of (n, d), are of a healthy machine and not of one with the change.
 
-    So many as are likeliest, if they pass as healthy; surely, if the change costs more there by the bound of rivals.
+    Of the newest cycles, however many: they pass as healthy, and are likelier so than changed, by the bound of rivals.
     """
     changed = baseline.steady * change.delta
     weighted = np.linalg.solve(baseline.covariance, np.vstack([changed, innovations[::-1]]).T).T
     likelier = np.cumsum(weighted[0] @ changed - 2.0 * innovations[::-1] @ weighted[0])
-    last = int(np.argmax(likelier))
-    squares = float((innovations[::-1][: last + 1] * weighted[1 : last + 2]).sum())
-    if likelier[last] <= 0.0 or squares > chi2.isf(UNKNOWN_CHANCE, (last + 1) * innovations.shape[1]):
-        return 0, False
-    return last + 1, bool(likelier[last] > RIVAL)
+    squares = np.cumsum((innovations[::-1] * weighted[1:]).sum(axis=1))
+    degrees = innovations.shape[1] * np.arange(1, len(innovations) + 1)
+    return bool(np.any((likelier > RIVAL) & (squares <= chi2.isf(UNKNOWN_CHANCE, degrees))))
 
 
 def _without_single_cycles(innovations: Array, covariance: Array) -> Array:

@@ -175,9 +175,9 @@ def test_a_fault_that_has_gone_keeps_the_size_it_had(setup: MonitorSetup) -> Non
 @pytest.mark.parametrize(
     ("began", "became", "size"),
     [(-0.1, "soft", -0.3), (-0.3, "soft", -0.1), (-0.3, "bent", -0.3)],
-    ids=["grows", "shrinks", "another"],
+    ids=["grows", "is made good in part", "another"],
 )
-def test_a_standing_alarm_tells_what_its_fault_has_become(
+def test_a_standing_alarm_tells_the_largest_that_its_fault_has_been(
     setup: MonitorSetup, began: float, became: str, size: float
 ) -> None:
     sizes = []
@@ -187,8 +187,8 @@ def test_a_standing_alarm_tells_what_its_fault_has_become(
         rows[241:] += EFFECTS[became] * np.sqrt(-size)
         last = judged(Monitor(setup), vectors(rows)).alarms[-1]
         sizes += [found.size for found in last.candidates if found.name == became]
-    assert len(sizes) >= 7
-    assert np.mean(sizes) == pytest.approx(size, abs=0.05)
+    assert len(sizes) >= 6
+    assert np.mean(sizes) == pytest.approx(-0.3, abs=0.05)
 
 
 def test_a_standing_alarm_keeps_its_name(setup: MonitorSetup) -> None:
