@@ -269,7 +269,7 @@ def _lines(axes: Any, asked: Question, values: Sequence[float], name: str) -> No
         curve = [values[i * stride + place * inner] for i in range(len(first))]
         label = f"{shown[0]} = {shown[1][place]}" if shown else None
         axes.plot(_places(first), curve, ".-", label=label)
-    if _places(first) == list(first):
+    if not isinstance(_places(first)[0], str):
         _scaled(axes, "x", first)
     axes.set_xlabel(key)
     axes.set_ylabel(name)
@@ -315,4 +315,4 @@ def _unevenness(at: Any) -> float:
 def _spots(values: Sequence[Value]) -> list[Any]:
     places = _places(values)
     ordered = places in (sorted(places), sorted(places, reverse=True))
-    return places if places == list(values) and ordered else list(range(len(values)))
+    return places if ordered and not isinstance(places[0], str) else list(range(len(values)))

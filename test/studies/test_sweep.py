@@ -138,6 +138,12 @@ def test_a_key_of_one_value_stands_in_the_title_and_the_others_are_drawn(drawn):
     assert list(panel.lines[0].get_ydata()) == pytest.approx([3.0 + value for value in EVEN])
 
 
+@pytest.mark.parametrize("axes", [{"a": ("x", "y")}, {"a": ("x", "y"), "b": EVEN}, {"b": EVEN, "a": ("y", "x")}])
+def test_a_key_of_words_is_drawn(tmp_path, axes):
+    asked = Question("m", {}, tuple(axes.items()), (), 0.0)
+    assert write_picture(asked, [Point(i, {"sum": 2.0**i}, "") for i in range(asked.count)], tmp_path / "m.png")
+
+
 def test_two_processes_give_what_one_gives(tmp_path):
     asked = question("winding_drum", machine_parameters("winding_drum"), AXES, ("dynamic_torque_nm",))
     from functools import partial
