@@ -5,9 +5,8 @@
 
 A breaker with hidden parameters runs in another process; its sensors, noisy, and its control, which takes a preload,
 are another one.  It is recorded, identified, watched; its spring weakens, which nobody tells; the operator acknowledges
-the fault and accepts the advice.  Times are the
-machine's, so a busy computer makes it slower and nothing else.  A recording or a configuration that is in the folder
-already is not made again.
+the fault and accepts the advice.  Times are the machine's, so a busy computer makes it slower and nothing else.  A
+recording or a configuration that is in the folder already is not made again.
 """
 
 from __future__ import annotations
