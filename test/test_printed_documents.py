@@ -45,7 +45,7 @@ SPEED_M_PER_S = 2.0
 ROBUST = ("--impact-speed", "2", "--starts", "10", "--tolerance", "0.001")
 CYCLE = {"starts": 10, "tolerance": 0.001}
 SLOW = pytest.mark.slow
-OF_RUNS = ("--objective", "shaft_force_max_n", "--duration", "0.1")
+OF_RUNS = ("--objective", "shaft_force_max_n", "--duration", "0.1", "--cores", "1")
 ECCENTRIC = {"eccentricity_m": (0.001, 0.002)}
 LONG = (
     "study search",
@@ -104,7 +104,9 @@ FUNCTIONS: dict[str, Callable[[], Any]] = {
     "study size by runs": lambda: mt.size("mb10_breaker", tolerance=0.0),
     "study sweep": lambda: mt.sweep("winding_drum", {"package_radius_m": [0.1, 0.12]}, cores=1),
     "study search": lambda: mt.search("compaction_press", bounds={"crank": (0.04, 0.06)}),
-    "study search by runs": lambda: [search_runs("winding_drum", "shaft_force_max_n", ECCENTRIC, duration_s=0.1)],
+    "study search by runs": lambda: [
+        search_runs("winding_drum", "shaft_force_max_n", ECCENTRIC, duration_s=0.1, cores=1)
+    ],
     "study designs": lambda: designs("compaction_press", 400),
     "study synthesise": lambda: synthesise("impact_mass", SPEED_M_PER_S, options=CYCLE, periods=50),
     "study regimes": lambda: regimes("impact_mass", [0.02, 0.03], "phase1_duration_s", settling_periods=50),

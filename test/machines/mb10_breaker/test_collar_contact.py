@@ -52,8 +52,8 @@ def events(body, cycles):
         (0.3, 0.2, {}),
         (1.0, 0.05, {}),
         (0.3, 0.93, {}),  # returns, and settles, within the load phase
-        (4.7, 0.3, {"restitution": 0.7}),
-        (9.0, 0.4, {"restitution": 0.2}),  # lifts twice in a load phase
+        pytest.param(4.7, 0.3, {"restitution": 0.7}, marks=pytest.mark.slow),
+        pytest.param(9.0, 0.4, {"restitution": 0.2}, marks=pytest.mark.slow),  # lifts twice in a load phase
         (2.0, 0.3, {"damping_ratio": 0.15}),
         (0.3, 0.4, {"onset_fraction": 0.6}),
     ],
@@ -100,6 +100,7 @@ def test_search_finds_what_the_closed_form_gives(ratio, speed, preload):
     assert searched[1] == pytest.approx(closed[1], rel=1e-9)
 
 
+@pytest.mark.slow
 @given(ratio=st.floats(0.05, 3.0), preload=st.floats(0.1, 2.0), restitution=st.floats(0.0, 0.95))
 @settings(max_examples=60, deadline=None)
 def test_chatter_limit_of_small_bounces_is_the_geometric_series(ratio, preload, restitution):

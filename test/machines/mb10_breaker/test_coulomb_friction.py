@@ -188,7 +188,10 @@ def test_rubbing_machine_without_supply_comes_to_rest_as_the_motion_solved_as_on
 WALLS = [
     {"tool.wall_force_n": 20000.0},
     {"tool.wall_force_n": 1e6},
-    {"tool.wall_force_n": 1e6, "body.preload_deflection_m": 0.002, "body.friction.coulomb_nm": 200.0},
+    pytest.param(
+        {"tool.wall_force_n": 1e6, "body.preload_deflection_m": 0.002, "body.friction.coulomb_nm": 200.0},
+        marks=pytest.mark.slow,
+    ),
     {"tool.wall_force_n": 1e6, "excitation.kind": "approximated", "body.friction.coulomb_nm": 0.0},
     {"tool.wall_force_n": 20000.0, "drive_mount": "body", "gravity_m_per_s2": 9.80665, "tool.restitution": 0.0},
     {"body.inertia_kg_m2": 0.5, "friction.coulomb_nm": 0.0},

@@ -102,6 +102,7 @@ def test_means_do_not_depend_on_the_samples(together):
     assert coarse["steady_motor_rms_torque_nm"] == pytest.approx(fine["steady_motor_rms_torque_nm"], rel=5e-3)
 
 
+@pytest.mark.slow
 def test_means_of_the_motor_do_not_depend_on_the_step_while_the_supply_rises():
     """Torque, power and heat are taken at the supply of each instant, not at that of the step's end."""
     ramp = {"supply.initial_fraction": 0.0, "supply.rate_per_s": 0.45}
@@ -201,7 +202,13 @@ def test_after_a_live_change_the_last_cycles_are_those_of_a_machine_that_was_mad
         assert found[name] == pytest.approx(made[name], rel=1e-5)
 
 
-@pytest.mark.parametrize("change", ["tool_mass=+15%", "supply_voltage=-5%", "rotor_resistance=+15%"])
+@pytest.mark.parametrize(
+    "change",
+    [
+        "tool_mass=+15%",
+        *(pytest.param(each, marks=pytest.mark.slow) for each in ("supply_voltage=-5%", "rotor_resistance=+15%")),
+    ],
+)
 def test_after_a_fault_or_another_operating_point_the_last_cycles_are_those_of_a_machine_that_was_made_so(change):
     twin = machine("mb10_breaker")
     changing = ChangingMachine(twin, live_changes([f"{change}@0.5"]))

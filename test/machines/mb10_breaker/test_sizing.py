@@ -30,6 +30,7 @@ def chosen():
     return size("mb10_breaker", half_sine())
 
 
+@pytest.mark.slow
 def test_the_spring_under_the_half_sine_lies_in_the_rational_range(chosen):
     metrics = chosen.metrics
     assert chosen.tolerance == TOLERANCE  # the usual one
@@ -38,11 +39,13 @@ def test_the_spring_under_the_half_sine_lies_in_the_rational_range(chosen):
     assert "gap_at_blow_m" in chosen.binding
 
 
+@pytest.mark.slow
 def test_the_half_sine_s_choice_holds_at_points_the_search_did_not_see(chosen):
     for factors in inner_points(sizing.ASSUMED["approximated"], TOLERANCE, 200, seed=99):
         assert gap_of(scaled(chosen.parameters, factors)) <= SEATED_GAP_M
 
 
+@pytest.mark.slow
 def test_the_nominal_edge_has_no_margin(chosen):
     edge = size("mb10_breaker", half_sine(), tolerance=0.0)
     assert edge.metrics["rest_force_n"] == chosen.metrics["nominal_edge_rest_force_n"] < chosen.metrics["rest_force_n"]
@@ -54,11 +57,13 @@ def test_the_nominal_edge_has_no_margin(chosen):
     )
 
 
+@pytest.mark.slow
 def test_the_gentlest_return_is_where_the_body_never_lifts():
     gentle = size("mb10_breaker", half_sine(), objective="return_speed_m_per_s", tolerance=0.0)
     assert gentle.metrics["rest_force_n"] == pytest.approx(300.0)
 
 
+@pytest.mark.slow
 def test_limits_that_cannot_be_met_are_named():
     with pytest.raises(StudyError, match="largest_force_n <= 10 "):
         size("mb10_breaker", half_sine(), limits={"largest_force_n": 10.0})

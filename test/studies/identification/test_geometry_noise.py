@@ -42,7 +42,7 @@ def measured(seed: int, sigmas: tuple[float, float]) -> GeometryData:
     return GeometryData(CubicSpline(times, 10.0 * np.pi * times), 0.0, 1.0, 0.0, tuple(channels))
 
 
-@pytest.mark.parametrize("sigmas", [(3e-4, 1e-2), (1e-2, 3e-4)])
+@pytest.mark.parametrize("sigmas", [(3e-4, 1e-2), pytest.param((1e-2, 3e-4), marks=pytest.mark.slow)])
 def test_errors_are_those_of_weighted_least_squares_where_one_channel_is_much_noisier(
     sigmas: tuple[float, float],
 ) -> None:
@@ -64,6 +64,7 @@ def test_errors_are_those_of_weighted_least_squares_where_one_channel_is_much_no
         assert np.all(np.abs(fit.keys - values) < 4.0 * by_hand)
 
 
+@pytest.mark.slow
 def test_a_noisy_channel_is_no_other_mechanism_and_a_key_that_moves_nothing_stays() -> None:
     """The pendulum swings by 0.15 rad: noise of 0.02 rad leaves a fit below 90 %."""
     unmoved = "drive.speed_rpm"

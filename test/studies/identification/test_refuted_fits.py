@@ -83,7 +83,7 @@ def test_no_sensor_is_to_blame_for_a_prior_that_the_run_contradicts() -> None:
         assert "would explain" not in key.reason
 
 
-@pytest.mark.parametrize("deviation_kg", [0.2, 1.0])
+@pytest.mark.parametrize("deviation_kg", [pytest.param(0.2, marks=pytest.mark.slow), 1.0])
 def test_a_prior_that_the_run_contradicts_is_told_with_the_value_of_the_run(deviation_kg: float) -> None:
     base, wrong = machine_parameters("vibration_crank"), {"masses.tree_kg": (50.0, deviation_kg)}
     question = IdentificationQuestion("vibration_crank", base, tuple(TRUE), {}, wrong, cores=1)
@@ -120,6 +120,7 @@ def test_what_a_channel_may_be_off_does_not_grow_with_the_length_of_its_run(name
     assert noises[0] == pytest.approx(noises[1], rel=1e-9)
 
 
+@pytest.mark.slow
 def test_bounces_of_a_series_count_alike_in_a_run_and_in_the_part_of_it_that_is_fitted() -> None:
     """The usual spacing of events differs between the two; which bounces follow closely must not."""
     true = {"restitution": 0.36, "phase1_duration_s": 0.035, "mass_kg": 1.1}
@@ -139,6 +140,7 @@ def test_bounces_of_a_series_count_alike_in_a_run_and_in_the_part_of_it_that_is_
     assert found.better
 
 
+@pytest.mark.slow
 def test_times_of_events_tell_a_wrong_clock_too() -> None:
     """A clock is told of events as of samples: the same share of the time since the start."""
     true = {"restitution": 0.36, "mass_kg": 1.1}
