@@ -106,7 +106,9 @@ def generate_launch_description() -> LaunchDescription:
             ),
             DeclareLaunchArgument("duration", default_value="0", description="simulated seconds; 0 until stopped"),
             DeclareLaunchArgument(
-                "params_file", default_value="", description="parameter file laid over that of the machine"
+                "params_file",
+                default_value="",
+                description="a whole configuration, or a parameter file laid over that of the machine",
             ),
             DeclareLaunchArgument(
                 "use_sim_time",

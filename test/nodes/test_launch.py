@@ -53,12 +53,11 @@ def test_a_namespace_of_its_own_has_a_clock_of_its_own() -> None:
     assert executables.remappings(told) == [("/clock", "/hall/left/clock")]
 
 
-def test_a_parameter_file_is_laid_over_that_of_the_machine(tmp_path: Path) -> None:
+def test_a_parameter_file_is_passed_alone(tmp_path: Path) -> None:
     own = tmp_path / "own.yaml"
     own.write_text("/**: {ros__parameters: {}}\n", encoding="utf-8")
-    installed, laid_over = executables.parameter_files(LaunchRequest("winding_drum", params_file=str(own)))
-    assert Path(installed).name == "winding_drum.yaml"
-    assert laid_over == str(own)
+    assert executables.parameter_files(LaunchRequest("winding_drum", params_file=str(own))) == [str(own)]
+    assert executables.parameter_files(LaunchRequest("winding_drum")) == []
     with pytest.raises(ConfigurationError, match=r"params_file gone\.yaml: no such file"):
         executables.parameter_files(LaunchRequest("winding_drum", params_file="gone.yaml"))
 

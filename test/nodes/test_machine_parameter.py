@@ -6,6 +6,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
@@ -16,7 +17,10 @@ from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
 from rclpy.signals import SignalHandlerOptions
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
+from mech_twin.declarations.quantity import Parameters
+from mech_twin.nodes.exchange.base_node import RunOptions
 from mech_twin.nodes.roles.answering_nodes import MotorNode
+from mech_twin.nodes.run.composition import _parameter_file
 from mech_twin.nodes.run.executables import machine_of
 from mech_twin.parameters.load import configuration_file, machine_parameters
 
@@ -24,9 +28,9 @@ pytestmark = pytest.mark.usefixtures("ros_domain")
 DRUM = "winding_drum"
 
 
-def section(tmp_path: Path, **sections: dict[str, str]) -> Path:
+def section(tmp_path: Path, **sections: Mapping[str, str | float]) -> Path:
     path = tmp_path / "parameters.yaml"
-    document = {name.replace("__", "/"): {"ros__parameters": tree} for name, tree in sections.items()}
+    document = {name.replace("__", "/"): {"ros__parameters": dict(tree)} for name, tree in sections.items()}
     path.write_text(yaml.safe_dump(document, sort_keys=False))
     return path
 
@@ -130,3 +134,37 @@ def test_a_dumped_parameter_file_starts_the_same_node_and_the_engine(tmp_path: P
         node.destroy_node()
     finally:
         rclpy.try_shutdown()
+
+
+def started_with(file: Path, machine_name: str) -> Parameters:
+    """Return the configuration of a motor node that is started with a parameter file."""
+    rclpy.init(args=["n", "--ros-args", "--params-file", str(file)], signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        node = MotorNode(machine_name)
+        node.destroy_node()
+        return node.initial_parameters
+    finally:
+        rclpy.try_shutdown()
+
+
+def without_added_mass(tmp_path: Path) -> Path:
+    """Return a whole configuration that leaves out a key that the installed one has: the sum of the parts counts."""
+    lines = configuration_file("vibration_crank").read_text(encoding="utf-8").splitlines()
+    file = tmp_path / "own.yaml"
+    file.write_text("\n".join(line for line in lines if "rotating_kg" not in line), encoding="utf-8")
+    return file
+
+
+def test_a_whole_configuration_counts_alone(tmp_path: Path) -> None:
+    own, of_own_motor = without_added_mass(tmp_path), configuration_file("roller_former_4")
+    for name, file in (("vibration_crank", own), ("roller_former", of_own_motor)):
+        expected = machine_parameters(name, file)
+        assert started_with(file, name) == expected != machine_parameters(name)
+        handed = tmp_path / f"{name}.yaml"
+        handed.write_text(_parameter_file(name, expected, RunOptions()), encoding="utf-8")
+        assert started_with(handed, name) == expected
+
+
+def test_single_keys_are_laid_over_the_installed_configuration(tmp_path: Path) -> None:
+    file = section(tmp_path, **{"__**": {"machine": "vibration_crank", "crank_m": 0.1}})
+    assert started_with(file, "vibration_crank") == machine_parameters("vibration_crank", None, {"crank_m": 0.1})

@@ -35,7 +35,7 @@ from mech_twin.nodes.exchange.hand_over import HandOver, Listener, ReceivedBytes
 from mech_twin.nodes.exchange.parameter_bridge import declare_machine, declared_tree, given_parameters
 from mech_twin.nodes.exchange.peers import new_source
 from mech_twin.parameters.errors import refusal
-from mech_twin.parameters.load import PAGE, RUN_GROUP, catalogue_entry, machine_parameters, validated
+from mech_twin.parameters.load import RUN_GROUP, catalogue_entry, validated
 from mech_twin.process.terminal_output import printable
 
 
@@ -113,7 +113,7 @@ class TwinNode(Node):
         origin = f"parameters of node {name}"
         declare_machine(self, machine_name)
         entry = catalogue_entry(machine_name)
-        defaults = parameters or (given_parameters(self, entry) if entry is PAGE else machine_parameters(machine_name))
+        defaults = parameters or given_parameters(self, entry)
         tree = declared_tree(self, ("", defaults), (f"{RUN_GROUP}.", options or RunOptions()))
         self.machine_name = machine_name
         self.options = _options(tree.pop(RUN_GROUP), f"{origin}, {RUN_GROUP} group")

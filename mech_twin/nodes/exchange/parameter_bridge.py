@@ -20,7 +20,7 @@ from mech_twin.declarations.configuration_tree import ConfigurationError, tree_f
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.machines.catalog import CATALOGUE, Entry
 from mech_twin.parameters.errors import PURE, Key, keys
-from mech_twin.parameters.load import MACHINE_KEY, is_of_ros, validated
+from mech_twin.parameters.load import MACHINE_KEY, PAGE, is_of_ros, machine_parameters, validated
 
 UNBOUNDED = 1.7e308
 SIGNS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
@@ -142,15 +142,20 @@ def declare_machine(node: Node, machine_name: str) -> None:
 
 
 def given_parameters(node: Node, entry: Entry) -> Parameters:
-    """Return a configuration of which all keys were given to a node: that of a page, which no file has by its name.
+    """Return the configuration given to a node, without keys that it leaves out; the installed one if it is not whole.
 
     Raises
     ------
     ConfigurationError
-        If the keys make no machine.
+        If the keys of a page, of which no file is installed, make no machine.
     """
     given = {name: parameter.value for name, parameter in node._parameter_overrides.items()}
-    return validated(entry, tree_from_flat(given), f"parameters of node {node.get_name()}")
+    try:
+        return validated(entry, tree_from_flat(given), f"parameters of node {node.get_name()}")
+    except ConfigurationError:
+        if entry is PAGE:
+            raise
+        return machine_parameters(entry.name)
 
 
 def declared_tree(node: Node, *groups: tuple[str, Parameters]) -> dict[str, Any]:

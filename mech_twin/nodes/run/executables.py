@@ -30,7 +30,7 @@ from mech_twin.nodes.run.domain import (
     run_namespace,
     settle_domain,
 )
-from mech_twin.parameters.load import MACHINE_KEY, catalogue_entry, configuration_file
+from mech_twin.parameters.load import MACHINE_KEY, catalogue_entry
 from mech_twin.process.dependencies import lacking, missing_extra
 from mech_twin.process.interruption import StopSignal, end_at_once
 from mech_twin.process.terminal_output import printable
@@ -105,19 +105,18 @@ def remappings(request: LaunchRequest) -> list[tuple[str, str]]:
 
 
 def parameter_files(request: LaunchRequest) -> list[str]:
-    """Return the parameter files; a later one takes precedence.
+    """Return the parameter file that is given, if any: a node knows the installed one.
 
     Raises
     ------
     ConfigurationError
         If a file is not there.
     """
-    installed = [str(configuration_file(catalogue_entry(request.machine).name))]
     if not request.params_file:
-        return installed
+        return []
     if not Path(request.params_file).is_file():
         raise ConfigurationError(f"params_file {request.params_file}: no such file")
-    return [*installed, request.params_file]
+    return [request.params_file]
 
 
 def parameters(request: LaunchRequest) -> dict[str, str | float | bool]:
