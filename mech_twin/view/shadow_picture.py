@@ -85,6 +85,13 @@ class ShownFault(NamedTuple):
     shelved_until_s: float | None = None
 
 
+class ShownAdvice(NamedTuple):
+    """An advice on the panel: its contents by name (empty: none), and whether it is accepted and on trial."""
+
+    rows: tuple[tuple[str, str], ...] = ()
+    is_on_trial: bool = False
+
+
 class ShownFit(NamedTuple):
     """An identification from the last minutes on the panel.
 
@@ -116,8 +123,8 @@ class ShownFit(NamedTuple):
 class ShadowPicture(NamedTuple):
     """One picture, besides the curves: drawings of model and measurement, state, faults, advice and identification.
 
-    ``banner`` is the state line of rerun's viewer; ``cards`` are headline numbers; ``advice`` has names and values of a
-    recommendation that waits for an answer (empty: none); ``fit`` is an identification, if one can be requested.
+    ``banner`` is the state line of rerun's viewer; ``cards`` are headline numbers; ``advice`` is a recommendation that
+    waits for an answer, or is on trial; ``fit`` is an identification, if one can be requested.
     """
 
     model: Sequence[Shape]
@@ -126,7 +133,7 @@ class ShadowPicture(NamedTuple):
     state: str = ""
     cards: tuple[Card, ...] = ()
     faults: tuple[ShownFault, ...] = ()
-    advice: tuple[tuple[str, str], ...] = ()
+    advice: ShownAdvice = ShownAdvice()
     fit: ShownFit | None = None
 
 

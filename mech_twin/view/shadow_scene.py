@@ -16,6 +16,7 @@ from mech_twin.view.shadow_picture import (
     CURVES,
     ChannelReading,
     ShadowPicture,
+    ShownAdvice,
     ShownChannel,
     ShownFault,
     ShownFit,
@@ -45,7 +46,7 @@ class ShadowScene(Closing):
         self._time_s = 0.0
         self._sent_at = -1.0
         self._faults: tuple[ShownFault, ...] | None = None
-        self._advice: tuple[tuple[str, str], ...] | None = None
+        self._advice: ShownAdvice | None = None
         self._fit: ShownFit | None = None
         shown: list[Panel] = []
         for each in self._channels:
@@ -104,7 +105,7 @@ class ShadowScene(Closing):
             self._link.tell("alarms", {"faults": [each._asdict() for each in picture.faults]})
         if picture.advice != self._advice:
             self._advice = picture.advice
-            self._link.tell("advice", {"rows": picture.advice})
+            self._link.tell("advice", picture.advice._asdict())
         if picture.fit is not None and picture.fit != self._fit:
             self._fit = picture.fit
             self._link.tell("fit", picture.fit._asdict())

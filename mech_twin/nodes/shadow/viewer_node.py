@@ -26,14 +26,21 @@ from mech_twin.studies.observer.estimate import FrameEstimate, SeenSample, Sense
 from mech_twin.studies.observer.filter_state import GATE
 from mech_twin.view.annotations import Card
 from mech_twin.view.bench.link import PREFIX, BenchLink
-from mech_twin.view.shadow_picture import ChannelReading, ShadowPicture, ShownChannel, ShownFault, ShownFit
+from mech_twin.view.shadow_picture import (
+    ChannelReading,
+    ShadowPicture,
+    ShownAdvice,
+    ShownChannel,
+    ShownFault,
+    ShownFit,
+)
 from mech_twin.view.shadow_scene import ShadowScene
 
 if TYPE_CHECKING:
     from mech_twin.nodes.shadow.advisor_node import AdvisorNode
     from mech_twin.nodes.shadow.identifier_node import IdentifierNode
 
-TICK_S = 0.2  # period of the state line without estimates
+TICK_S = 0.5  # period of the pictures without estimates
 SEEN = ("active", "latched", "pending")
 MOST_DIGITS = 12  # of the bounds of an interval
 Placed = TypeVar("Placed", LinkageSample, BodySample)
@@ -82,8 +89,6 @@ class ShadowViewerNode(TwinNode):
         self._shadow, self._monitor, self._advisor, self._identifier = shadow, monitor, advisor, identifier
         self.adopt(self.initial_parameters)
         self._largest_sigma = 0.0
-        self._shown = ""
-        self._shown_fit: ShownFit | None = None
         sliding = sliding_in(self._machine)
         shown = [ShownChannel(each.column, channel_title(each.column, sliding)) for each in self._channels]
         self.scene = opened_shadow_scene(machine_name, shown, place)
@@ -105,37 +110,32 @@ class ShadowViewerNode(TwinNode):
         if self.scene.is_due():
             frame = self._shadow.observer.frame(estimate)
             model, measured = drawings(self._machine, frame, self._channels, sample)
-            self._show(self._picture(model, measured))
+            self.scene.show(self._picture(model, measured))
 
     def close(self) -> None:
         """Show the last state and close the scene."""
-        self._show(self._picture())
+        self.scene.show(self._picture())
         self.scene.close()
 
     def _tick(self) -> None:
-        """Show a changed state while no estimates arrive."""
-        is_new = self._fit() != self._shown_fit or state_line(self._state()) != self._shown
-        if self._shadow.diagnostics.state != "locked" and is_new and self.scene.is_due():
-            self._show(self._picture())
-
-    def _show(self, picture: ShadowPicture) -> None:
-        self._shown, self._shown_fit = picture.banner, picture.fit
-        self.scene.show(picture)
+        """Show the state while no estimates arrive: faults, advice and what somebody answers change meanwhile."""
+        if self._shadow.diagnostics.state != "locked" and self.scene.is_due():
+            self.scene.show(self._picture())
 
     def _picture(self, model: Sequence[Shape] = (), measured: Sequence[Shape] = ()) -> ShadowPicture:
         state = self._state()
         faults = () if self._monitor is None else shown_faults(self._monitor.live)
         known = state_line(state), state.observer, shown_cards(state, self._shadow.origin), faults, self._advice()
-        return ShadowPicture(model, measured, *known, self._fit())
+        fit = None if self._identifier is None else shown_fit(self._identifier)
+        return ShadowPicture(model, measured, *known, fit)
 
-    def _fit(self) -> ShownFit | None:
-        return None if self._identifier is None else shown_fit(self._identifier)
-
-    def _advice(self) -> tuple[tuple[str, str], ...]:
+    def _advice(self) -> ShownAdvice:
         advisor = self._advisor
-        if advisor is None or advisor.state.phase != "offered" or advisor.state.advice is None:
-            return ()
-        return advice_rows(advisor.state.advice, dry_run=advisor.wish.dry_run)
+        if advisor is None or advisor.state.advice is None:
+            return ShownAdvice()
+        is_on_trial = advisor.state.phase == "trial"
+        rows = advice_rows(advisor.state.advice, is_on_trial=is_on_trial, dry_run=advisor.wish.dry_run)
+        return ShownAdvice(rows, is_on_trial)
 
     def _state(self) -> ShadowState:
         shadow, monitor = self._shadow, self._monitor
@@ -199,15 +199,16 @@ def _size(candidates: tuple[Candidate, ...]) -> str:
     return f"{best.name} {best.size:.4g} ({best.low_95:.4g} to {best.high_95:.4g}) {shown_unit(best.unit)}".rstrip()
 
 
-def advice_rows(advice: Recommendation, *, dry_run: bool) -> tuple[tuple[str, str], ...]:
+def advice_rows(advice: Recommendation, *, is_on_trial: bool, dry_run: bool) -> tuple[tuple[str, str], ...]:
     """Return the contents of an advice and its evidence, by name."""
+    until = ("holds until", f"t = {advice.expires_s:.1f} s")
+    accepted = ("if accepted", "noted, nothing is sent" if dry_run else "sent to the machine, on trial")
     return (
         ("set", advice.key),
         ("from, to", f"{advice.value:.4g} to {advice.proposed:.4g} (of {advice.low:.4g} to {advice.high:.4g})"),
         ("gain", f"{advice.figure} nearer by {advice.gain:.3g} ({advice.gain_low:.3g} to {advice.gain_high:.3g})"),
         ("because", advice.evidence),
-        ("holds until", f"t = {advice.expires_s:.1f} s"),
-        ("if accepted", "noted, nothing is sent" if dry_run else "sent to the machine, on trial"),
+        *([("on trial", "if rejected, the value before is sent again")] if is_on_trial else [until, accepted]),
     )
 
 

@@ -47,6 +47,7 @@ WISH = {
     "dry_run": True,
 }
 FAULTY = ("masses.boom_kg=40.0", "masses.extra_kg=9.0")
+UNLIKE = ("masses.boom_kg=400.0", "masses.extra_kg=60.0")  # so much that the observer never finds it
 RATE_HZ = 50  # as the healthy run was sampled
 
 
@@ -114,6 +115,29 @@ def test_a_fault_is_acknowledged_and_shelved_and_an_advice_accepted_from_the_pag
         page.locator("#accept").click()
         expect(answers.first).to_contain_text(re.compile("accepted|noted|dry run"), timeout=UP_MS)
         page.screenshot(path=str(kept / "shadow.png"))
+
+
+def test_answers_show_while_the_machine_is_searched_and_an_advice_on_trial_is_rejected(browser, ros_domain, kept):
+    trial = WISH | {"dry_run": False, "trial_cycles": 1000, "silence_s": 60.0}
+    (kept / "trial.yaml").write_text(yaml.safe_dump(trial), encoding="utf-8")
+    words = ("shadow", NAME, "--from", "plant", "--map", "map.yaml", "--view", "web")
+    company = ("--monitor", "healthy.json", "--advise", "trial.yaml")
+    with plant(kept, UNLIKE), running(*words, *company, folder=kept) as (url, _), opened(browser, url, shows=0) as page:
+        answers, fault, rows = page.locator("#answers li"), page.locator(".fault").first, page.locator("#advice-rows")
+        expect(fault).to_have_attribute("data-state", "active", timeout=UP_MS)
+        fault.get_by_role("button", name="Acknowledge").click()
+        fault.get_by_role("button", name="Shelve").click()
+        expect(answers.first).to_contain_text("shelved", timeout=UP_MS)
+        expect(fault).to_contain_text("shelved until")
+        expect(rows).to_contain_text("if accepted", timeout=UP_MS)
+        expect(page.locator("#state")).to_have_text("searching")
+        page.locator("#accept").click()
+        expect(answers.first).to_contain_text("on trial", timeout=UP_MS)
+        expect(rows).to_contain_text("on trial")
+        expect(page.locator("#accept")).to_be_disabled()
+        page.locator("#reject").click()
+        expect(answers.first).to_contain_text("reverted: rejected", timeout=UP_MS)
+        expect(rows).not_to_contain_text("on trial")
 
 
 def test_a_hidden_mass_is_identified_from_the_last_seconds_and_the_model_goes_on_with_it(browser, ros_domain, kept):

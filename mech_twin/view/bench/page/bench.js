@@ -26,7 +26,7 @@ function hear(message) {
     changed: () => { changed(message.name, message.value); showSettings(message.settings); },
     pause: () => { run.paused = message.is_paused; shown.drawn = null; showPause(); },
     alarms: () => showFaults(message.faults),
-    advice: () => showAdvice(message.rows),
+    advice: () => showAdvice(message),
     fit: () => showFit(message),
     end: () => { run.over = message.text; commands(run.commands); shown.drawn = null; if (!run.pictures.length) find("state").textContent = "over"; answer(message.text, message.has_failed ? "refused" : "done"); },
     ghost: () => showGhost(message),

@@ -19,11 +19,13 @@ export function showFaults(faults) {
   commands(run.commands);
 }
 
-export function showAdvice(rows) {
+export function showAdvice({ rows, is_on_trial: isOnTrial }) {
   find("advice").hidden = !run.orders.includes("accept");
   find("advice-rows").replaceChildren(...rows.map(adviceRow));
   find("advice-none").hidden = rows.length > 0;
   find("advice-answers").hidden = !rows.length;
+  mark("accept", isOnTrial);
+  commands(run.commands);
 }
 
 // identification from the last minutes: progress, result, and whether it may be applied
