@@ -17,6 +17,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from mech_twin.engine.run import frames
 from mech_twin.messages.topics import SPEED_COMMAND
+from mech_twin.nodes.roles.answering_nodes import MotorNode
 from mech_twin.nodes.roles.recorder_node import RecorderNode
 from mech_twin.parameters.description import description
 from mech_twin.parameters.errors import keys
@@ -55,6 +56,21 @@ def test_stop_takes_the_supply_away_and_start_gives_it_back() -> None:
         run.until(lambda: run.samples[-1].command == 0.0)
         assert run.call(Trigger, "start", Trigger.Request()).success
         run.until(lambda: run.samples[-1].command == 1.0)
+
+
+def test_a_motor_that_comes_back_stopped_starts_at_the_last_command() -> None:
+    with BenchRun(CRANK, peer_timeout_s=0.3) as run:
+        run.steps(5)
+        run.publisher(SPEED_COMMAND).publish(Float64(data=0.5))
+        run.until(lambda: run.node("motor").target == 0.5)
+        assert run.call(Trigger, "stop", Trigger.Request()).success
+        run.steps(20)
+        run.kill("motor")
+        run.revive(MotorNode)
+        run.steps(20)
+        assert run.node("motor").target == 0.0
+        assert run.call(Trigger, "start", Trigger.Request()).success
+        assert run.node("motor").target == 0.5
 
 
 def test_reset_begins_anew_while_time_goes_on() -> None:

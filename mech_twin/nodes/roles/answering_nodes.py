@@ -92,8 +92,9 @@ class MotorNode(FollowerNode):
 
     @property
     def marks(self) -> tuple[Row, ...]:
-        """The command that the motor is ramping to, and the source number."""
-        return Row(TARGET, self.target if isinstance(self.target, float) else self._asked_target), self.signature
+        """The command that the motor is ramping to, that of the next start, and the source number."""
+        target = self.target if isinstance(self.target, float) else self._asked_target
+        return Row(TARGET, target, self._asked_target), self.signature
 
     def show(self, question: LinkageSample, answer: MotorSample) -> None:
         """Offer the motor sample to its decimated topic."""
@@ -104,6 +105,7 @@ class MotorNode(FollowerNode):
             return
         try:
             sample = motor_messages.from_message(message, self.machine.coupling_step_s) if message.name else None
+            self._take_speed(marked(message, TARGET, RATED, "velocity"))
             self._take_speed(marked(message, TARGET, RATED))
             if sample is not None and sample.asked is not None:
                 self._take_effort(sample.asked)
