@@ -51,7 +51,7 @@ EVENT_FIELDS = ("count", "time_s", "pre_velocity_m_per_s", "post_velocity_m_per_
 
 _PICKLED = re.compile(r'^(@\.const\.pickle\S+ = .* constant \[\d+ x i8\]) c"[^"\n]*"', re.MULTILINE)
 # names of blocks that LLVM makes in merging functions, and whose text it does not read
-_LONG_NAME = re.compile(r"(?<=%)[\w.]{200,}|^[\w.]{200,}(?=:)", re.MULTILINE)
+_LONG_NAME = re.compile(r"(?<=%)[-$\w.]{200,}|^[-$\w.]{200,}(?=:)", re.MULTILINE)
 
 # arguments of a call: constants, whether to begin, step, command, frame vector, and the last event of each kind
 _SOURCE = """

@@ -10,14 +10,14 @@ NAME = "_ZN9mech_twin" + 40 * "Equations_28array_28float64_2c_202d"
 TEXT = f"""
 define i64 @{NAME[:150]}(i1 %go, i64 %value) {{
 entry:
-  br i1 %go, label %{NAME}54.1, label %{NAME}54.2
+  br i1 %go, label %{NAME}54.1, label %{NAME}54.thread-pre-split_crit_edge
 {NAME}54.1:                ; preds = %entry
   %{NAME} = add i64 %value, 1
   br label %end
-{NAME}54.2:
+{NAME}54.thread-pre-split_crit_edge:
   br label %end
 end:
-  %result = phi i64 [ %{NAME}, %{NAME}54.1 ], [ 2, %{NAME}54.2 ]
+  %result = phi i64 [ %{NAME}, %{NAME}54.1 ], [ 2, %{NAME}54.thread-pre-split_crit_edge ]
   ret i64 %result
 }}
 """
