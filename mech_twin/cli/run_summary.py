@@ -227,6 +227,7 @@ def _stem(name: str) -> str:
 
 
 OUT_OF_PROPORTION = 30.0  # times the figure without --set
+ROUNDING = 1e-12  # of the largest figure in the same unit: a smaller one is a zero, and no measure of another
 
 
 def say_consequences(machine: str, config: Path | None, settings: Sequence[str]) -> None:
@@ -234,8 +235,12 @@ def say_consequences(machine: str, config: Path | None, settings: Sequence[str])
     if not settings:
         return
     before, after = (built_machine(machine, config, changes).report() for changes in ({}, assignments(settings)))
-    known = {name: (value, before.get(name)) for name, value in after.items()}
-    ratios = [(abs(value / past), name) for name, (value, past) in known.items() if is_number(value) and past]
+    past = {name: abs(value) for name, value in before.items() if is_number(value) and math.isfinite(value)}
+    largest: dict[str, float] = {}
+    for name, size in past.items():
+        largest[unit_of(name)] = max(size, largest.get(unit_of(name), 0.0))
+    known = [name for name in past if past[name] > ROUNDING * largest[unit_of(name)] and is_number(after.get(name))]
+    ratios = [(abs(after[name]) / past[name], name) for name in known]
     ratio, name = max((row for row in ratios if math.isfinite(row[0])), key=itemgetter(0), default=(0.0, ""))
     if ratio >= OUT_OF_PROPORTION:
         label, unit = caption(name)

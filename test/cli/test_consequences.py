@@ -19,3 +19,10 @@ def test_a_preload_in_the_wrong_unit_is_said_with_the_force_it_makes(capsys):
 def test_a_usual_value_is_not_commented_on(capsys, settings):
     say_consequences("mb10_breaker", None, settings)
     assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("setting", ["linkage.pendulum_m=0.31", "linkage.crank_m=0.055"])
+def test_a_figure_that_was_zero_but_for_rounding_is_no_measure_of_the_change(capsys, setting):
+    """The plate lies level at the bottom of the installed press, so any other length tilts it by a degree or so."""
+    say_consequences("compaction_press", None, [setting])
+    assert capsys.readouterr().err == ""
