@@ -140,10 +140,11 @@ def with_phase2_force(published: ImpactMass, impact_speed_m_per_s: float, phase2
 
 @dataclass(frozen=True)
 class _Candidate:
-    """A choice of P2, with the largest multiple of the tolerance over which it passes the screening."""
+    """A choice of P2, its basin, and the largest multiple of the tolerance over which it passes the screening."""
 
     parameters: ImpactMass
     margin: float
+    fraction: float
     widest: float
 
 
@@ -192,7 +193,7 @@ def _screened(parameters: ImpactMass, box: StartBox, robustness: RobustnessSpec)
     least = 1.0 - (1.0 - robustness.basin_fraction) * box.starts / few.starts
     nominal = outcome(parameters, NOMINAL, few)
     if nominal.fraction < least:
-        return _Candidate(parameters, nominal.margin, -1.0)
+        return _Candidate(parameters, nominal.margin, nominal.fraction, -1.0)
     widest = 0.0
     for multiple in TOLERANCE_MULTIPLES:
         tolerance = multiple * robustness.tolerance
@@ -200,7 +201,7 @@ def _screened(parameters: ImpactMass, box: StartBox, robustness: RobustnessSpec)
         if any(outcome(parameters, point, few).fraction < least for point in points):
             break
         widest = multiple
-    return _Candidate(parameters, nominal.margin, widest)
+    return _Candidate(parameters, nominal.margin, nominal.fraction, widest)
 
 
 def robust_parameters(spec: CycleSpec, robustness: RobustnessSpec) -> tuple[ImpactMass, Certificate]:
@@ -216,9 +217,10 @@ def robust_parameters(spec: CycleSpec, robustness: RobustnessSpec) -> tuple[Impa
     box = default_box(spec.stroke_m, spec.impact_speed_m_per_s, robustness.starts, robustness.seed)
     screened = [_screened(p, box, robustness) for p in _nominal_candidates(spec, published, robustness)]
     if all(candidate.widest < 0.0 for candidate in screened):
+        largest = max(candidate.fraction for candidate in screened)
         raise StudyError(
             f"no robust cycle: basin_fraction >= {robustness.basin_fraction!r} does not hold with margin >= "
-            f"{robustness.margin!r} even without any deviation"
+            f"{robustness.margin!r} even without any deviation: largest that was found {largest!r}"
         )
     tried: list[Certificate] = []
     least = TOLERANCE_MULTIPLES[0] if robustness.tolerance > 0.0 else 0.0

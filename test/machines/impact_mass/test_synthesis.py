@@ -126,6 +126,14 @@ def test_a_synthesis_without_solution_says_which_inequality_fails(spec, robustne
         robust_parameters(spec, robustness)
 
 
+def test_a_basin_that_is_too_small_is_refused_with_the_largest_that_was_found():
+    """A restitution of 0.55 leaves seven starts in ten at most, by a walk of events of its own."""
+    bouncy = CycleSpec(2.0, 0.0, -0.5, 0.0, 8.0, 0.55)
+    with pytest.raises(ValueError, match="without any deviation: largest that was found") as refusal:
+        robust_parameters(bouncy, RobustnessSpec())
+    assert float(str(refusal.value).rsplit(" ", 1)[1]) == pytest.approx(0.75, abs=0.1)
+
+
 def test_another_cycle_is_served_too():
     spec = CycleSpec(3.0, 0.2, -0.1, 0.0, 12.0, 0.2)
     found, certificate = robust_parameters(spec, RobustnessSpec(starts=100, inside=40))
