@@ -7,6 +7,7 @@ import pytest
 from machines.mb10_breaker.pressed_body_cases import OMEGA, body_at, integrated, walked_cycle
 from scipy.optimize import brentq
 
+import mech_twin as mt
 from mech_twin.machines.mb10_breaker.pressed_body.free_swing import (
     growth_per_cycle,
     resonance_rate,
@@ -34,6 +35,16 @@ def test_soft_spring_table(preload, force_n, gap_mm, speed_m_per_s):
     assert found.largest_force_n == pytest.approx(force_n, abs=0.05)
     assert 1e3 * found.gap_at_blow_m == pytest.approx(gap_mm, abs=0.00005 if gap_mm == 0.0015 else 0.0005)
     assert found.return_speed_m_per_s == pytest.approx(speed_m_per_s, abs=0.0005)
+
+
+@pytest.mark.parametrize(("preload", "impacts"), [(0.2, 6.0), (0.5, 6.0), (0.8, 5.0), (0.9, 4.0), (1.0, 0.0)])
+def test_the_page_counts_the_impacts_that_a_run_counts(preload, impacts):
+    """Unloaded and undamped each return is 0.4 times the one before: those above 1 mm/s follow from the first."""
+    paper = {"excitation.kind": "approximated", "body.inertia_kg_m2": 0.35}
+    body = soft_spring(machine_parameters("mb10_breaker", None, paper), preload).body
+    keys = ("spring_rate_n_per_m", "preload_deflection_m")
+    run = mt.simulate("mb10_breaker", 3.0, {**paper, **{f"body.{key}": getattr(body, key) for key in keys}})
+    assert run.summary["steady_impacts_above_1_mm_per_s"] == impacts
 
 
 @pytest.mark.parametrize(

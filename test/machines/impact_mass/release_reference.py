@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The period of a motion that is released from rest, in 200 digits: own event walk, no code shared with the twin."""
+"""The period of a motion that is released from rest, in many digits: own event walk, no code shared with the twin."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ from mpmath import mp, mpf, sqrt
 DIGITS = 200
 
 
-def periods_between_releases(case: dict[str, float], most: int) -> int:
+def periods_between_releases(case: dict[str, float | str], most: int, digits: int = DIGITS) -> int:
     """Return the number of periods from one release to the next, or 0 if none comes within ``most`` periods.
 
-    ``case`` holds T, t1, A1 (towards the stop), A2 (away from it) and R as doubles, taken exactly.  The mass leaves
-    the stop with gap 0 and speed 0 at the start of phase 2; from there its motion is always the same.
+    ``case`` holds T, t1, A1 (towards the stop), A2 (away from it) and R, as doubles or decimals, taken exactly.  The
+    mass leaves the stop with gap 0 and speed 0 at the start of phase 2; from there its motion is always the same.
+    ``digits`` must be more than those by which a difference grows until the next release.
     """
-    with mp.workdps(DIGITS):
+    with mp.workdps(digits):
         t1, period, r = mpf(case["t1"]), mpf(case["T"]), mpf(case["R"])
         push, pull = mpf(case["A1"]), mpf(case["A2"])
         gap, speed = mpf(0), mpf(0)

@@ -151,6 +151,21 @@ def test_a_period_is_that_of_200_digits_or_it_is_refused_with_its_growth(key, va
         assert (found.kind, found.period) == ("periodic", length)
 
 
+@pytest.mark.parametrize(
+    ("changed", "from_doubles", "from_decimals"),
+    [({"t1": "0.0219"}, 80, 45), ({"t1": "0.0235"}, 41, 39), ({"t1": "0.0202"}, 62, 61), ({"R": "0.78"}, 51, 821)],
+)
+def test_a_long_period_is_another_from_the_decimals_than_from_the_doubles_nearest_to_them(
+    changed, from_doubles, from_decimals
+):
+    """821 periods let a difference grow by more than 600 digits: 600 and 1000 digits agree, 200 do not."""
+    decimals = {"T": "0.05", "t1": "0.035", "A1": "1000", "A2": "-500", "R": "0.3", **changed}
+    doubles = {name: float(value) for name, value in decimals.items()}
+    for digits in (600, 1000):
+        assert periods_between_releases(decimals, 1000, digits) == from_decimals
+        assert periods_between_releases(doubles, 1000, digits) == from_doubles
+
+
 def test_of_the_twenty_lengths_those_that_are_rounding_are_refused_and_no_other():
     refused = {(key, value) for key, value, _ in LENGTHS if regime_of(varied(BASE, {key: value})).note}
     assert refused == {(key, value) for key, value, _ in LENGTHS[5:13] + LENGTHS[15:18]}

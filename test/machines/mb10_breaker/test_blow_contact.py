@@ -13,6 +13,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
+from mech_twin.machines.mb10_breaker.dynamics import striker
 from mech_twin.machines.mb10_breaker.impacts import blow, blow_contact, fading
 from mech_twin.machines.mb10_breaker.metrics import striking_angle
 from mech_twin.machines.mb10_breaker.state import breaker
@@ -129,6 +130,26 @@ def integrated(p, q, u, stiffness, damping):
     ended.terminal, ended.direction = True, -1.0
     done = solve_ivp(slope, (0.0, 0.01), [q, u, 0.0, 0.0, 0.0, 0.0], rtol=1e-8, atol=1e-11, events=ended, max_step=1e-5)
     return max(contact(state) for state in done.y.T), done.t[-1], 0.5 * mass * done.y[5, -1] ** 2
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "printed"),
+    [  # peak force (kN), time (ms), changes (%): the table of the machine's page
+        (2e8, (53.5, 0.53, -4.7, -15.0)),
+        (5e7, (26.0, 0.99, -19.0, -28.0)),
+    ],
+)
+def test_the_page_tells_what_the_estimate_is_at_the_steady_speed(stiffness, printed):
+    b = breaker(PARAMETERS)
+    q = striking_angle(b)
+    hit = blow(b, q, SPEED, 0.0, 0.0, True)
+    fades = fading(b, q, SPEED, 0.0, 0.0, 0.0, False)
+    found = blow_contact(b, stiffness, striker(b, q)[1] * SPEED, hit.impulse, fades)
+    scaled = [1e-3 * found["contact_peak_force_n"], 1e3 * found["contact_time_s"]]
+    scaled += [100.0 * found[name] for name in ("contact_blow_energy_change", KEPT)]
+    assert fades == pytest.approx(384.0, abs=0.5)
+    for value, told, half in zip(scaled, printed, (0.051, 0.0051, 0.5, 0.5), strict=True):
+        assert value == pytest.approx(told, abs=half)
 
 
 @pytest.mark.parametrize(
