@@ -113,7 +113,7 @@ def _show_run(scene: BenchScene | RerunScene, machine: Machine, duration_s: floa
             seen.see(machine, frame)
             metrics.observe(frame)
     seen.end()
-    scene.metrics(metrics.summary())
+    scene.metrics(metrics.numbers())
 
 
 def _bench(stack: ExitStack, port: int, shown: _Shown, bag: Path) -> BenchScene:
@@ -159,7 +159,7 @@ def _show(scene: BenchScene | RerunScene, samples: BagSamples, stop: StopSignal)
     if history is not None and undrawn is not None:  # later than the last drawing that was recorded
         scene.drawing(drawn(history.machine_at(undrawn.linkage.step), undrawn))
     if metrics is not None:
-        scene.metrics(metrics.summary())
+        scene.metrics(metrics.numbers())
     say(*(f"{number} recorded samples not used: {reason}" for reason, number in samples.unused.items()))
 
 

@@ -17,12 +17,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from catalogue import built
 from command_line import Ended, in_a_process, mech_twin
 from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 from recordings import Entry, altered_bag, decoded_messages, earlier_layout, edited, simulated_bag, written_bag
+from rrd_tables import rrd_tables
 
 from mech_twin.cli.main import with_options_repeated
+from mech_twin.declarations.captions import metrics_table
 
 pytestmark = [pytest.mark.usefixtures("ros_domain"), pytest.mark.slow]
 COMMAND = [sys.executable, "-c", "from mech_twin.cli.main import main; main()"]
@@ -241,10 +244,15 @@ def foreign_machine(bag: Path, out: Path) -> Path:
 # -- shown ----------------------------------------------------------------------------------------------------------
 
 
-def test_a_recording_is_shown_into_a_file(bag: Path, tmp_path: Path) -> None:
+def test_a_recording_is_shown_into_a_file_with_the_numbers_of_its_run_alone(bag: Path, tmp_path: Path) -> None:
     done = mech_twin("view", bag, "--save", tmp_path / "bag.rrd")
     assert done.code == 0, done.err
-    assert (tmp_path / "bag.rrd").stat().st_size > 10_000
+    moving, _ = rrd_tables(tmp_path / "bag.rrd")
+    (shown,) = moving["/metrics"]["TextDocument:text"].to_pylist()[-1]
+    rows = set(shown.splitlines())
+    without_run = metrics_table(built(DRUM).report()).splitlines()[2:]
+    assert len(rows) > 5 and without_run
+    assert not rows.intersection(without_run)
 
 
 def test_a_recording_of_an_unknown_machine_is_shown_without_metrics(bag: Path, tmp_path: Path) -> None:
