@@ -65,7 +65,7 @@ def frames(
         count = MANY_FRAMES
 
 
-def continued(machine: Machine, frame: Frame, duration_s: float, target: float) -> Iterator[Frame]:
+def continued(machine: Machine, frame: Frame, duration_s: float, target: Target) -> Iterator[Frame]:
     """Yield the frames that follow a given one at a constant target."""
     yield from _frames_after(machine, frame, [target] * steps_for(machine, duration_s))
 

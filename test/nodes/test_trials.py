@@ -4,11 +4,13 @@
 from __future__ import annotations
 
 import asyncio
+import base64
 import json
 import re
 from itertools import islice
 from multiprocessing import active_children
 
+import numpy as np
 import pytest
 
 from mech_twin.declarations.configuration_tree import configuration_tree
@@ -16,6 +18,7 @@ from mech_twin.engine.run import continued, frames
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.nodes.run.bench_process import SPAN_S, Trials, rolled_out
 from mech_twin.parameters.load import machine as load
+from mech_twin.samples import EffortCommand
 from mech_twin.view.bench.bench_page import OrderError
 from mech_twin.view.bench.scene import framed, listed
 
@@ -51,6 +54,15 @@ def test_a_trial_takes_its_values_begins_at_the_present_and_leaves_the_run_as_it
     assert same["curves"]["pins/magnitude"] == rolled_out(name, tree, sent(at))["curves"]["pins/magnitude"]
     assert same["curves"]["body/pressing_force"] != heavier["curves"]["body/pressing_force"]
     assert json.dumps(tree) == before
+
+
+def test_a_trial_goes_on_with_an_effort_that_is_commanded():
+    machine, effort = load("mb10_breaker"), EffortCommand(effort=12.0)
+    at = next(islice(frames(machine, 1.0, lambda step: effort), 600, None))
+    trial = rolled_out("mb10_breaker", configuration_tree(machine.parameters), sent(at))
+    torque_nm = np.frombuffer(base64.b64decode(trial["curves"]["motor/torque"][1]), "<f4")
+    assert len(torque_nm) > 10
+    assert np.all(torque_nm == effort.effort)
 
 
 def test_a_trial_of_a_value_the_machine_refuses_is_refused_in_its_words():

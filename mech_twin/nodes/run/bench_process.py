@@ -105,7 +105,8 @@ def rolled_out(name: str, tree: dict[str, Any], content: dict[str, Any]) -> dict
     roles = RoleCurves(frozenset() if machine.mechanism is None else machine.mechanism.sliding_joints)
     banner = Banner(machine.mechanism, *([] if machine.blow_energy is None else [machine.blow_energy]))
     banner.watch(machine)
-    for frame in continued(machine, begin, SPAN_S, begin.motor.command):
+    asked = begin.motor.command if begin.motor.asked is None else begin.motor.asked
+    for frame in continued(machine, begin, SPAN_S, asked):
         roles.add(frame)
         banner.add(frame)
         for event in frame_events(frame):
