@@ -33,6 +33,16 @@ def test_the_flywheel_gives_the_asked_non_uniformity_and_is_written(tmp_path):
     assert flywheel_run(again, 0.9 * again.flywheel.inertia_kg_m2, 5e-4).non_uniformity > 0.08
 
 
+@pytest.mark.parametrize(("crank_kg_m2", "asked"), [(0.02, 1.7), (1.0, 0.3), (4.0, 0.05)])
+def test_a_press_that_needs_no_flywheel_varies_in_time_as_without_one(crank_kg_m2, asked):
+    """The run keeps the mean speed of the drive, so it may not start as if the asked band were used up."""
+    heavy = machine_parameters("compaction_press", None, {"links.crank.inertia_kg_m2": crank_kg_m2})
+    answer = size("compaction_press", heavy, limits={"non_uniformity": asked}, tolerance=0.0)
+    assert answer.sizes["flywheel.inertia_kg_m2"] == 0.0
+    bare = answer.metrics["non_uniformity_without_flywheel"]
+    assert answer.metrics["non_uniformity_of_time_run"] == pytest.approx(bare, rel=1e-3)
+
+
 def own_flywheel(parameters):
     """Return the flywheel that a press asks for, from its table of work and inertia (W by sums, no closed form)."""
     press, stroke = press_constants(parameters, fitted=False)

@@ -281,8 +281,9 @@ def flywheel_metrics(press: Press, stroke: Stroke, speed: float, delta: float) -
     curve = (fine.work_j, fine.inertia_kg_m2, delta, w)
     few = (coarse.work_j, coarse.inertia_kg_m2, delta, w)
     cuts = wittenbauer(*curve)
+    bare = non_uniformity(fine.work_j, fine.inertia_kg_m2, w)
     return {
-        "non_uniformity_without_flywheel": non_uniformity(fine.work_j, fine.inertia_kg_m2, w),
+        "non_uniformity_without_flywheel": bare,
         "flywheel_inertia_kg_m2": turn_flywheel(press, stroke, speed, delta),
         "flywheel_inertia_12_positions_kg_m2": exact_inertia(*few),
         "flywheel_inertia_wittenbauer_kg_m2": cuts.inertia_kg_m2,
@@ -291,7 +292,9 @@ def flywheel_metrics(press: Press, stroke: Stroke, speed: float, delta: float) -
         "wittenbauer_upper_cut_j": cuts.upper_j,
         "wittenbauer_lower_cut_j": cuts.lower_j,
         "energy_range_j": float(np.ptp(fine.work_j)),
-        "start_speed_with_flywheel_rad_per_s": start_speed(*curve, max(0.0, cuts.inertia_kg_m2)),
+        "start_speed_with_flywheel_rad_per_s": start_speed(
+            fine.work_j, fine.inertia_kg_m2, min(delta, bare), w, max(0.0, cuts.inertia_kg_m2)
+        ),
     }
 
 

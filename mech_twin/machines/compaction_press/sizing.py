@@ -48,7 +48,7 @@ def sizing(
     nominal = max(0.0, asked_of(parameters, delta))
     worst = worst_case(parameters, delta, tolerance)
     flywheel = max(0.0, worst.inertia_kg_m2)
-    kept, metrics = _shown(worst, flywheel, delta)
+    kept, metrics = _shown(worst, flywheel)
     chosen = varied(parameters, {"flywheel.inertia_kg_m2": flywheel})
     gamma, alpha, _ = conditions(varied(worst.parameters, {"flywheel.inertia_kg_m2": flywheel}))
     constraints = (Constraint("non_uniformity", kept, delta), gamma, alpha)
@@ -77,13 +77,14 @@ def sizing(
     )
 
 
-def _shown(worst: WorstCase, flywheel: float, delta: float) -> tuple[float, dict[str, float]]:
+def _shown(worst: WorstCase, flywheel: float) -> tuple[float, dict[str, float]]:
     """Return the non-uniformity of the worst machine, and how it was verified."""
     press, stroke = press_constants(worst.parameters, fitted=False)
     speed = worst.parameters.drive.speed_rad_per_s
     cycle = press_cycle(press, stroke, speed, WORK_POSITIONS)
-    cuts = wittenbauer(cycle.work_j, cycle.inertia_kg_m2, delta, abs(speed))
-    return non_uniformity(cycle.work_j, cycle.inertia_kg_m2, abs(speed), flywheel), {
+    kept = non_uniformity(cycle.work_j, cycle.inertia_kg_m2, abs(speed), flywheel)
+    cuts = wittenbauer(cycle.work_j, cycle.inertia_kg_m2, kept, abs(speed))
+    return kept, {
         "non_uniformity_without_flywheel": non_uniformity(cycle.work_j, cycle.inertia_kg_m2, abs(speed)),
         "non_uniformity_of_time_run": flywheel_run(worst.parameters, flywheel, step_s=RUN_STEP_S).non_uniformity,
         "fastest_at_deg": degrees(float(cycle.angle_rad[cuts.upper_position])),
@@ -165,12 +166,13 @@ def flywheel_run(parameters: CompactionPress, inertia_kg_m2: float, step_s: floa
     """Return the speed's range over one turn under the constant mean torque with this flywheel (kg m2).
 
     The run is integrated in time by the twin's kernels, and starts on the energy curve that just touches
-    w_m (1 + delta/2); that initial speed is all it takes from the sizing's closed form.
+    w_m (1 + delta/2), delta being what this flywheel keeps; that initial speed is all it takes from the closed form.
     """
     press, stroke = press_constants(parameters, fitted=False)
-    speed, delta = parameters.drive.speed_rad_per_s, parameters.flywheel.non_uniformity
+    speed = parameters.drive.speed_rad_per_s
     cycle = press_cycle(press, stroke, speed, WORK_POSITIONS)
-    first = start_speed(cycle.work_j, cycle.inertia_kg_m2, delta, abs(speed), inertia_kg_m2)
+    kept = non_uniformity(cycle.work_j, cycle.inertia_kg_m2, abs(speed), inertia_kg_m2)
+    first = start_speed(cycle.work_j, cycle.inertia_kg_m2, kept, abs(speed), inertia_kg_m2)
     flywheel = Transmission(1.0, 1.0, inertia_kg_m2)
     start, layer = copysign(first, speed), layer_regimes(stroke, speed)
     linkage = CrankLinkage(press, step_s, 0.0, start, 1.0, JOINTS, "plate", transmission=flywheel, **layer)
