@@ -38,6 +38,20 @@ def test_a_run_over_the_middleware_goes_on_as_if_the_linkage_had_not_left() -> N
         assert samples == [frame.linkage for frame in frames(built("winding_drum"), duration_s)][: len(samples)]
 
 
+@pytest.mark.parametrize("name", ["mb10_breaker", "winding_drum"])
+def test_a_run_whose_linkage_and_motor_end_together_begins_anew(name: str) -> None:
+    """Also behind the force analysis, which passes steps on to the body and has not ended."""
+    with BenchRun(name, peer_timeout_s=0.2) as run:
+        run.steps(40)
+        run.kill("motor")
+        run.kill("linkage")
+        run.samples.clear()
+        run.revive(MotorNode)
+        run.revive(LinkageNode)
+        run.steps(40)
+        assert run.samples == [frame.linkage for frame in frames(built(name), run.samples[-1].time_s)]
+
+
 def test_the_linkage_holds_and_says_for_whom() -> None:
     with BenchRun("winding_drum", peer_timeout_s=0.2) as run:
         run.steps(10)

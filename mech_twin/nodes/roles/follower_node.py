@@ -123,6 +123,7 @@ class FollowerNode(RoleNode):
         self._questions, self._asker = questions, asker
         self._lock = SourceLock()
         self._descriptions = DescriptionStore()
+        self._linkages: set[float] = set()  # source numbers of those whose configurations were adopted
         self._born_s = self._received_s = time.monotonic()
         self._listening = False
         self._unanswered: tuple[Any, Step] | None = None
@@ -204,7 +205,7 @@ class FollowerNode(RoleNode):
             self._retry_timer.reset()
 
     def _answer(self, question: Any, message: Step) -> None:
-        if not self._is_configured(message.configuration):  # its description has not arrived yet
+        if not self._is_configured(message.configuration, question.step):  # its description has not arrived yet
             self._answer_later(question, message)
             return
         self._unanswered = None
@@ -279,13 +280,19 @@ class FollowerNode(RoleNode):
         if self._unanswered is not None:
             self._answer(*self._unanswered)
 
-    def _is_configured(self, wanted: ConfigurationMark) -> bool:
-        """Adopt the configuration a question was computed with; return False while its description is missing."""
+    def _is_configured(self, wanted: ConfigurationMark, step: int) -> bool:
+        """Adopt the configuration a question was computed with; return False while its description is missing.
+
+        That of a new linkage tells a body that the run may begin anew, for the force analysis that asks it is the same.
+        """
         if wanted.revision == 0 or (wanted.source == self.described_by and wanted.revision <= self.revision):
             return True
         found = self._descriptions.find(wanted)
         if found is None:
             return False
+        if found.content.source not in self._linkages:
+            self._linkages.add(found.content.source)
+            self.exchanges.return_to(step)
         self.use(found.content.parameters)
         self.revision, self.described_by = found.content.revision, found.content.source
         self.description = found.text
