@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import starmap
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 from mech_twin.declarations.captions import titled
@@ -246,15 +247,10 @@ def channel_title(column: str, sliding: frozenset[str]) -> str:
 
 
 def channel_readings(shadow: ShadowNode, estimate: FrameEstimate, sample: SeenSample) -> dict[str, ChannelReading]:
-    """Return the readings of a sample's channels; sigma combines those of estimate and sensor."""
-    observer = shadow.observer
-    found = {}
-    for place, residual in zip(estimate.channels, estimate.innovations, strict=True):
-        channel = observer.channels[place]
-        estimated = float(estimate.sigma[observer.places[place]])
-        sigma = (estimated**2 + channel.sigma**2) ** 0.5
-        found[channel.column] = ChannelReading(sample.values[sample.channels.index(place)], residual, sigma)
-    return found
+    """Return the readings of a sample's channels; sigma is that of the residual, by which samples are rejected too."""
+    channels = [shadow.observer.channels[place].column for place in estimate.channels]
+    readings = zip(sample.values, estimate.innovations, estimate.innovation_sigma, strict=True)
+    return dict(zip(channels, starmap(ChannelReading, readings), strict=True))
 
 
 def drawings(

@@ -42,8 +42,8 @@ class FrameEstimate(NamedTuple):
     row, sigma : ndarray, shape (w,)
         All columns of the frame, as the roles compute them (`PhaseLockedObserver.frame` converts them to samples), and
         the standard deviation of each.
-    channels, innovations : tuple
-        Channel numbers of the sample, and measured minus predicted (SI units).
+    channels, innovations, innovation_sigma : tuple
+        Channel numbers of the sample, measured minus predicted (SI units), and the standard deviation of that.
     used : tuple of bool
         Whether each channel was used; one with too large an innovation is rejected.
     events : tuple of Event
@@ -56,6 +56,7 @@ class FrameEstimate(NamedTuple):
     sigma: Array
     channels: tuple[int, ...]
     innovations: tuple[float, ...]
+    innovation_sigma: tuple[float, ...]
     used: tuple[bool, ...]
     events: tuple[Event, ...]
 

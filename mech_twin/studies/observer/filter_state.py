@@ -258,11 +258,12 @@ class Observation(NamedTuple):
 
 
 class Correction(NamedTuple):
-    """Filter after a sample: state before the step, corrected prediction, innovations, and mask of used channels."""
+    """Filter after a sample: state before the step, corrected prediction, innovations with sigma, mask of used ones."""
 
     state: FilterState
     prediction: Prediction
     innovations: Array
+    sigma: Array
     used: Array
 
 
@@ -324,7 +325,7 @@ class SaltedFilter:
         with np.errstate(over="ignore"):  # an innovation whose square overflows is rejected
             used = innovations**2 <= GATE * own
         if not used.any():
-            return Correction(state, prediction, innovations, used)
+            return Correction(state, prediction, innovations, np.sqrt(own), used)
         h, d = slopes[used], by_keys[used]
         alone = np.diag(np.maximum(seen.variances[used] - (d * d).sum(axis=1), 0.0)) + d @ d.T
         common = state.covariance @ h.T + state.with_keys @ d.T
@@ -338,7 +339,7 @@ class SaltedFilter:
         moved = self._moved(state, gain @ innovations[used], 0.5 * (covariance + covariance.T), with_keys)
         later, rows = self._stepped(moved, target, self._begun(moved)[None, :], 0.0)
         again = Prediction(rows[0], prediction.slopes, self._bank.events(later.events))
-        return Correction(moved, again, innovations, used)
+        return Correction(moved, again, innovations, np.sqrt(own), used)
 
     def committed(self, state: FilterState, prediction: Prediction, noise: Array, effect: Array) -> FilterState:
         """Return the filter at the predicted frame, with the process noise (n + k, n + k) of the next step added.

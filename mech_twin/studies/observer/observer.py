@@ -23,6 +23,7 @@ from mech_twin.studies.observer.estimate import (
     located,
 )
 from mech_twin.studies.observer.filter_state import (
+    Correction,
     FilterState,
     Observation,
     Prediction,
@@ -246,23 +247,23 @@ class PhaseLockedObserver:
             return None
         variance = output_variance(self._ahead, self._base, effect, by_parameters)
         variance[self.undetermined] = np.nan
-        return self._frame_estimate(sample, now.innovations, now.used, np.sqrt(variance))
+        return self._frame_estimate(sample, now, np.sqrt(variance))
 
-    def _frame_estimate(self, sample: SeenSample, innovations: Array, used: Array, sigma: Array) -> FrameEstimate:
+    def _frame_estimate(self, sample: SeenSample, now: Correction, sigma: Array) -> FrameEstimate:
         assert self._base is not None and self._ahead is not None
         row = self._ahead.row + self._rates * (sample.time_s - self._origin_s - (self._base.step + 1) * self.step_s)
         row[self.undetermined] = np.nan
         events, self._passed = tuple(self._passed), []
         shifted = tuple(event._replace(time_s=self._origin_s + event.time_s) for event in events)
-        innovation_values = tuple(float(value) for value in innovations)
         return FrameEstimate(
             sample.time_s,
             self._base.step + 1,
             row,
             sigma,
             sample.channels,
-            innovation_values,
-            tuple(map(bool, used)),
+            tuple(now.innovations.tolist()),
+            tuple(now.sigma.tolist()),
+            tuple(now.used.tolist()),
             shifted,
         )
 
