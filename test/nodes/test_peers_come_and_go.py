@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -16,6 +17,9 @@ from mech_twin.messages.step_message import set_stamp
 from mech_twin.messages.topics import STEP_LINKAGE, STEP_MOTOR
 from mech_twin.nodes.roles.answering_nodes import MotorNode
 from mech_twin.nodes.roles.linkage_node import LinkageNode
+from mech_twin.nodes.roles.recorder_node import RecorderNode
+from mech_twin.recording.bag_reader import BagReader
+from mech_twin.recording.bag_samples import BagSamples
 from mech_twin.samples import LinkageSample
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
@@ -50,6 +54,28 @@ def test_a_run_whose_linkage_and_motor_end_together_begins_anew(name: str) -> No
         run.revive(LinkageNode)
         run.steps(40)
         assert run.samples == [frame.linkage for frame in frames(built(name), run.samples[-1].time_s)]
+
+
+def test_a_recording_that_goes_on_through_a_new_run_keeps_the_first_one_whole(tmp_path: Path) -> None:
+    """The steps of both lay one between the other, as the time of the recording began anew with the run."""
+    drum = "winding_drum"
+    with BenchRun(drum, peer_timeout_s=0.2, recorder=True) as run:
+        run.add(recorder := RecorderNode(drum, tmp_path / "bag", built(drum).parameters, run.options))
+        run.steps(40)
+        run.kill("motor")
+        run.kill("linkage")
+        run.spin_for(0.3)
+        steps = run.samples[-1].step + 1
+        run.revive(MotorNode)
+        run.revive(LinkageNode)
+        run.steps(40)
+        run.spin_for(0.3)
+        assert not recorder.statistics.total["step/linkage", "late"]
+    with BagReader(tmp_path / "bag") as reader:
+        first = [step.linkage for step in BagSamples(reader).steps()]
+        of_both = reader.topics[f"/{drum}/step/linkage"].message_count
+    assert first == [frame.linkage for frame in frames(built(drum), 1.0)][:steps]
+    assert of_both >= steps + 40
 
 
 def test_the_linkage_holds_and_says_for_whom() -> None:

@@ -64,15 +64,29 @@ OPTIONAL = (FRAMES, ROBOT_DESCRIPTION, BLOW_GAUGE, BLOW_WAVE)  # recorded if pub
 
 
 class RecordingClock:
-    """Log time of the recording."""
+    """Log time of the recording: the time of the run; a run after another goes on from the end of that one."""
 
     def __init__(self) -> None:
         self._now_ns: int | None = None
+        self._begun_ns = 0
+
+    @property
+    def run_ns(self) -> int:
+        """Time of the newest step (ns); 0 before the first."""
+        return 0 if self._now_ns is None else self._now_ns
 
     @property
     def now_ns(self) -> int:
-        """Time of the newest step (ns); 0 before the first."""
-        return 0 if self._now_ns is None else self._now_ns
+        """Log time of the newest step (ns); 0 before the first."""
+        return self.log_ns(self.run_ns)
+
+    def log_ns(self, stamp_ns: int) -> int:
+        """Return the log time of a stamp of this run (ns)."""
+        return self._begun_ns + stamp_ns
+
+    def begin_run(self, stamp_ns: int) -> None:
+        """Let the log time go on, whatever the first stamp of a new run is."""
+        self._begun_ns = self.now_ns - stamp_ns
 
     def lead(self, stamp_ns: int) -> bool:
         """Set the time to that of the linkage's step (ns); return whether it is plausible."""
@@ -95,6 +109,7 @@ class StepInput:
         self.topic, self.name = topic, name
         self.source = HeardSource(silence_s)
         self.sequence = StepSequence()
+        self.before = 0  # messages received in earlier runs
         self.publishers = LivingPublishers()
         self.living = 0
         self.matched = 0
@@ -215,13 +230,14 @@ class RecorderNode(TwinNode):
     def _count_behind(self) -> None:
         """Count as missed what a topic with a publisher lacks at the end: roles are at most `UNDER_WAY` steps apart."""
         published = {name for name, row in self.writer.counters.items() if row.publishers}
-        sequences = {each.name: each.sequence for each in self._steps.values() if each.name in published}
-        begun = min((each.first for each in sequences.values() if each.first is not None), default=0)
-        newest = max((each.last for each in sequences.values() if each.last is not None), default=0)
-        for name, each in sequences.items():
-            numbered = 0 if each.last is None else each.last - begun + 1  # a user's node may number none
-            missed = newest - begun + 1 - max(numbered, self.received[name]) - UNDER_WAY
-            self.writer.count_missed(name, max(0, missed))
+        inputs = [each for each in self._steps.values() if each.name in published]
+        begun = min((each.sequence.first for each in inputs if each.sequence.first is not None), default=0)
+        newest = max((each.sequence.last for each in inputs if each.sequence.last is not None), default=0)
+        for each in inputs:
+            last = each.sequence.last
+            numbered = 0 if last is None else last - begun + 1  # a user's node may number none
+            missed = newest - begun + 1 - max(numbered, self.received[each.name] - each.before) - UNDER_WAY
+            self.writer.count_missed(each.name, max(0, missed))
 
     # -- topics -----------------------------------------------------------------------------------------------------
 
@@ -290,11 +306,18 @@ class RecorderNode(TwinNode):
 
     def _record_step(self, of_topic: StepInput, stamp: Stamp, step: int | None, who: float, raw: bytes) -> None:
         topic, name = of_topic.topic, of_topic.name
-        if of_topic.source.admit(who, lambda: self.count_publishers(topic.name) <= 1) is Admission.REFUSED:
+        admission = of_topic.source.admit(who, lambda: self.count_publishers(topic.name) <= 1)
+        if admission is Admission.REFUSED:
             self.statistics.count(topic.name, "unknown_source", "another publisher than the one that is followed")
             self._write(name, raw, self._time.now_ns)
             return
-        self._write(name, raw, self._time_of(topic, stamp.sec * NS_PER_S + stamp.nanosec))
+        at_ns, last = stamp.sec * NS_PER_S + stamp.nanosec, of_topic.sequence.last or 0
+        back = step is not None and 0 <= step < last - UNDER_WAY  # a linkage that rejoins repeats its last steps
+        if topic == STEP_LINKAGE and admission is Admission.NEWLY_FOLLOWED and back:
+            self._time.begin_run(at_ns)
+            for each in self._steps.values():
+                each.sequence, each.before = StepSequence(), self.received[each.name]
+        self._write(name, raw, self._time_of(topic, at_ns))
         fault = None if step is None else of_topic.sequence.take(step)
         if fault is not None:
             if fault.kind == "missing":
@@ -304,9 +327,9 @@ class RecorderNode(TwinNode):
             self.statistics.count(topic.name, fault.kind, fault.reason, fault.number)
 
     def _time_of(self, topic: Topic, stamp: int) -> int:
-        """Return the log time (ns) of a step of the followed run: its stamp, if that is a time of this run."""
+        """Return the log time (ns) of a step of the followed run: that of its stamp, if that is a time of this run."""
         if self._time.lead(stamp) if topic == STEP_LINKAGE else self._time.belongs(stamp):
-            return stamp
+            return self._time.log_ns(stamp)
         self._count_stamp(topic, stamp)
         return self._time.now_ns
 
@@ -377,7 +400,7 @@ class RecorderNode(TwinNode):
                 of_topic.matched = matched
                 of_topic.living = of_topic.publishers.living(self._known_publishers(of_topic), now_s)
                 self.writer.count_publishers(of_topic.name, of_topic.living)
-        self.time_s = self._time.now_ns * 1e-9
+        self.time_s = self._time.run_ns * 1e-9
         self.writer.tick()
         self.diagnostics.state = self.writer.state.value
         if self.writer.state is WriterState.ERROR:
