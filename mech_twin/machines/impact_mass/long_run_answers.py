@@ -2,7 +2,7 @@
 """Answers of the impact mass to questions on its long run: synthesis of a cycle, map of its regimes."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from typing import Any
 
@@ -19,6 +19,8 @@ from mech_twin.machines.impact_mass.synthesis import CycleDesign, RobustnessSpec
 USUAL_ROBUSTNESS = asdict(RobustnessSpec())
 USUAL_KEY = "phase1_duration_s"
 COLUMNS = ("regime", "period", "impacts per period", "hardest blow, m/s")
+PHASES = ("period_s", "phase1_duration_s", "phase1_force_n", "phase2_force_n")
+CHOSEN = (*PHASES, "initial_position_m", "initial_velocity_m_per_s")  # by a synthesis; all else is as configured
 
 
 def synthesis_answer(
@@ -29,7 +31,7 @@ def synthesis_answer(
     Parameters
     ----------
     parameters : ImpactMass
-        Mass, stop, start and restitution are taken from it.
+        Mass, stop, start and restitution are taken from it, and all that a synthesis does not choose.
     impact_speed_m_per_s : float
         Wanted speed of the blow.
     options : mapping
@@ -44,7 +46,7 @@ def synthesis_answer(
     """
     spec = cycle_spec(parameters, impact_speed_m_per_s)
     found = synthesise(spec, RobustnessSpec(**{**USUAL_ROBUSTNESS, **options}), periods)
-    designs = (found.published, found.robust)
+    designs = tuple(_as_configured(parameters, design) for design in (found.published, found.robust))
     records = {design.name: cycle_record(design) for design in designs}
     cycles = tuple(
         CycleAnswer(design.name, design.parameters, records[design.name], cycle_lines(records[design.name]))
@@ -52,6 +54,13 @@ def synthesis_answer(
     )
     asked = {"spec": asdict(found.spec), "robustness": asdict(found.robustness)}
     return SynthesisAnswer(asked, cycles, found.robust.name)
+
+
+def _as_configured(parameters: ImpactMass, design: CycleDesign) -> CycleDesign:
+    """Return a cycle in the given configuration; its coupling step is made shorter where the cycle asks for it."""
+    chosen = {key: getattr(design.parameters, key) for key in CHOSEN}
+    step_s = min(parameters.coupling.step_s, design.parameters.coupling.step_s)
+    return replace(design, parameters=varied(parameters, {**chosen, "coupling.step_s": step_s}))
 
 
 def regime_answer(

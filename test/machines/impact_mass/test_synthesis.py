@@ -9,10 +9,11 @@ from itertools import product
 import numpy as np
 import pytest
 
+from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.engine.run import frames
 from mech_twin.machines.impact_mass import PARAMETERS, build, cycle_verdict
 from mech_twin.machines.impact_mass.cycle_verdict import basin, default_box, endurance, phase2_cycle, verdict
-from mech_twin.machines.impact_mass.long_run_answers import certificate_lines
+from mech_twin.machines.impact_mass.long_run_answers import CHOSEN, certificate_lines, synthesis_answer
 from mech_twin.machines.impact_mass.one_impact_cycle import CycleSpec
 from mech_twin.machines.impact_mass.synthesis import (
     RobustnessSpec,
@@ -107,6 +108,22 @@ def test_the_written_configuration_runs_with_one_impact_a_period(both, tmp_path)
     blows = [e for f in run for e in f.linkage.events if e.kind == "impact"]
     assert [e.period for e in blows] == list(range(20)) + [20] * (len(blows) - 20)
     assert all(e.pre_velocity_m_per_s == pytest.approx(20.0, rel=1e-9) for e in blows)
+
+
+def test_a_synthesis_chooses_the_force_and_the_start_and_keeps_all_else_of_the_configuration():
+    kept = {
+        "contact_stiffness_n_per_m": 1e8,
+        "chatter_cutoff": 1e-3,
+        "supply.initial_fraction": 0.5,
+        "supply.rate_per_s": 5.0,
+        "coupling.step_s": 5e-4,
+    }
+    given = machine_parameters("impact_mass", None, kept)
+    answer = synthesis_answer(given, 20.0, {"starts": 50, "inside": 10}, 100)
+    for cycle in answer.cycles:
+        changed = {key for key, value in given.model_dump().items() if value != cycle.parameters.model_dump()[key]}
+        assert changed <= set(CHOSEN)
+        assert cycle.record["config"] == configuration_tree(cycle.parameters)
 
 
 @pytest.mark.parametrize(
