@@ -149,7 +149,12 @@ class SynthesiseVerb(Study, answer="study_answers:answer_synthesise"):
 class RegimesVerb(Study, answer="study_answers:answer_regimes"):
     """Map the long-run regimes of a machine over one key; draw the bifurcation diagram."""
 
-    over: Over
+    over: list[str] = option(
+        "one key and its values: from:to:count, from:to:count:log, or a,b,c",
+        ...,
+        metavar="KEY=VALUES",
+        complete="settings",
+    )
     settling: int = option("settling periods left out, at most 100000", 1000, ge=1)
     out: Path | None = option(
         "bifurcation diagram to write (.png, .svg, .pdf)", writes=PICTURES, usual="regimes.png", extra="plots"

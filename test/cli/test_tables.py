@@ -250,6 +250,13 @@ def test_no_help_text_has_brackets_which_the_library_takes_for_markup() -> None:
             assert "[" not in parameter.help, (command.name, parameter.name)
 
 
+@pytest.mark.parametrize(("question", "grid"), [("sweep", True), ("regimes", False)])
+def test_a_grid_of_keys_is_offered_by_the_question_that_takes_one(question, grid) -> None:
+    root: Any = get_command(app)
+    over = next(each for each in root.commands["study"].commands[question].params if each.name == "over")
+    assert ("grid" in over.help) is grid
+
+
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_an_analysis_stands_in_the_groups_of_a_summary_and_leaves_nothing_out(name) -> None:
     report = machine(name).report()
