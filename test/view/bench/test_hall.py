@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import re
 import subprocess
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -145,6 +146,8 @@ def test_a_report_holds_machine_settings_pictures_numbers_and_versions_in_one_fi
     tables = {table["title"]: table["rows"] for table in told["tables"]}
     assert ["tool.restitution", "0.35", "0.3"] in tables["Settings that differ from the machine as installed"]
     assert shown in tables["Numbers of the run"]
+    made = datetime.strptime(told["made"], "%Y-%m-%d %H:%M UTC").replace(tzinfo=UTC)
+    assert abs(datetime.now(UTC) - made) < timedelta(hours=1), "the zone of the time is told"
     assert told["versions"].startswith(f"mech_twin {__version__}, Python ")
     context = browser.new_context(viewport={"width": 800, "height": 1000}, offline=True)
     read = context.new_page()

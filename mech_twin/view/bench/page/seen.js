@@ -17,7 +17,7 @@ function seen() {
   const events = [...find("events").children].map((line) => [line.textContent]).slice(0, 50);
   return {
     title: `${find("machine").textContent}${run.machine?.recording ? `, ${run.machine.recording}` : ""}`,
-    time_s: picture?.time_s ?? 0, made: new Date().toISOString().slice(0, 16).replace("T", " "), versions: run.versions ?? "",
+    time_s: picture?.time_s ?? 0, made: `${new Date().toISOString().slice(0, 16).replace("T", " ")} UTC`, versions: run.versions ?? "",
     sides: run.machine?.sides ?? [],
     cards: picture?.cards ?? [],
     pictures: [
