@@ -300,10 +300,9 @@ def answer_regimes(request: RegimesVerb) -> None:
             machine, values, key, parameters=request.parameters, settling_periods=settling, progress=progress
         )
         found.write_picture(out)
-    pictures = [picture(f"{machine}: regimes", out)] if out.suffix == ".png" else []
     tables = [ShownTable("regimes", found.columns, found.rows)]
     asked = study.options_of(request, "over", "settling")
-    study.write_report(request, f"regimes over {key}", asked, tables, pictures=pictures)
+    study.write_report(request, f"regimes over {key}", asked, tables, pictures=[picture(f"{machine}: regimes", out)])
     if request.as_json:
         print_json({"machine": machine, "key": key, "regimes": found.records, "picture": out})
     elif request.as_csv:

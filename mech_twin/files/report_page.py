@@ -29,6 +29,7 @@ svg, img { max-width: 100%; height: auto }
 }
 """
 WORDS = ("combination", "holds for", "would also identify")  # heads of columns that hold words
+SHOWN_IN_PAGES = {".png": "image/png", ".svg": "image/svg+xml"}
 PAGE = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>{style}</style></head>
 <body><h1>{title}</h1>
@@ -69,6 +70,9 @@ def shown(value: Any) -> str:
 
 
 def picture(title: str, file: Path) -> str:
-    """Return a PNG file as a figure within the page."""
+    """Return a PNG or SVG file as a figure within the page; the name of a file of another kind."""
+    kind = SHOWN_IN_PAGES.get(file.suffix)
+    if kind is None:
+        return f"<p>picture: {escape(file.name)}</p>"
     data = base64.b64encode(file.read_bytes()).decode()
-    return f'<figure><img alt="{escape(title)}" src="data:image/png;base64,{data}"></figure>'
+    return f'<figure><img alt="{escape(title)}" src="data:{kind};base64,{data}"></figure>'

@@ -96,6 +96,8 @@ def test_cycles_and_regimes_are_reported(tmp_path, monkeypatch):
     assert ["over", over] in cells(html, "Asked")
     assert len(cells(html, "regimes")) == 4
     assert 'src="data:image/png;base64,' in html
+    for out, shown in (("r.svg", 'src="data:image/svg+xml;base64,'), ("r.pdf", "picture: r.pdf")):
+        assert shown in reported(monkeypatch, tmp_path, "impact_mass", "regimes", *words, "--out", out)
 
 
 def test_a_report_that_is_there_is_not_overwritten_and_another_suffix_is_refused(tmp_path, monkeypatch):
