@@ -82,6 +82,8 @@ def shadow_machine(request: ShadowVerb) -> None:
         outlets = _outlets(request, own)
         company = Company(request.record, reference, request.black_box, wish, view.destination, outlets, free)
         outcome = follow(machine, setup, parameters, company, request.duration_s, say_following, own)
+        kept = "" if request.record is None else f"; recorded in {request.record}"
+        view.tell("end", {"text": f"the shadow is over{kept}"})
     if request.as_json:
         found = {"machine": request.machine, "values": outcome.values, "messages_sent": outcome.sent}
         print_json({**found, "black_boxes": outcome.black_boxes})

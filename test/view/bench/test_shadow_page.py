@@ -122,7 +122,11 @@ def test_answers_show_while_the_machine_is_searched_and_an_advice_on_trial_is_re
     (kept / "trial.yaml").write_text(yaml.safe_dump(trial), encoding="utf-8")
     words = ("shadow", NAME, "--from", "plant", "--map", "map.yaml", "--view", "web")
     company = ("--monitor", "healthy.json", "--advise", "trial.yaml")
-    with plant(kept, UNLIKE), running(*words, *company, folder=kept) as (url, _), opened(browser, url, shows=0) as page:
+    with (
+        plant(kept, UNLIKE),
+        running(*words, *company, folder=kept) as (url, process),
+        opened(browser, url, shows=False) as page,
+    ):
         answers, fault, rows = page.locator("#answers li"), page.locator(".fault").first, page.locator("#advice-rows")
         expect(fault).to_have_attribute("data-state", "active", timeout=UP_MS)
         fault.get_by_role("button", name="Acknowledge").click()
@@ -138,6 +142,9 @@ def test_answers_show_while_the_machine_is_searched_and_an_advice_on_trial_is_re
         page.locator("#reject").click()
         expect(answers.first).to_contain_text("reverted: rejected", timeout=UP_MS)
         expect(rows).not_to_contain_text("on trial")
+        process.terminate()
+        expect(answers.first).to_have_text("the shadow is over", timeout=UP_MS)
+        process.wait(30)
 
 
 def test_a_hidden_mass_is_identified_from_the_last_seconds_and_the_model_goes_on_with_it(browser, ros_domain, kept):
