@@ -246,7 +246,7 @@ def test_the_examples_of_the_documentation_run(tmp_path, monkeypatch, capsys):
         (lambda: studies.synthesise("impact_mass", 1e-9), "key 'period_s', value 4333333333.333333: input should be"),
         (lambda: studies.synthesise("impact_mass", 2.0, options={"margn": 1}), "no option 'margn'; expected one of"),
         (lambda: studies.regimes("impact_mass", [10.0]), "phase1_duration_s = 10.0, period_s = 0.05"),
-        (lambda: studies.regimes("impact_mass", ["a"]), "value 'a': expected a finite number"),
+        (lambda: studies.regimes("impact_mass", ["a"]), "value of phase1_duration_s 'a': expected a finite number"),
         (lambda: mt.rollouts("winding_drum", 0.0, [None])["linkage.drm.velocity"], "linkage.drum.velocity"),
         (lambda: mt.rollouts("winding_drum", 0.0, [None])[0], "0: expected the name of a column; a member is one of"),
         (lambda: mt.from_json(None), "document None: expected the path of a file"),

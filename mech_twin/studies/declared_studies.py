@@ -314,9 +314,10 @@ def regimes(
     values = several("values", values, "a list of numbers")
     if not values:
         raise StudyError("values: expected at least one")
-    for value in values:
-        real_number("value", value, "a finite number")
     known = parameters or machine_parameters(machine)
     if key is not None:
         require_key(type(known), key)
-    return question.answer(known, values, key or question.usual_key, settling_periods, progress)
+    key = key or question.usual_key
+    for value in values:
+        real_number(f"value of {key}", value, "a finite number")
+    return question.answer(known, values, key, settling_periods, progress)

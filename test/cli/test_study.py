@@ -95,6 +95,10 @@ def test_sizes_are_written_as_a_configuration_that_runs(asked, tmp_path):
             "settling: expected a whole number from 1 to 100000",
         ),
         (("impact_mass", "regimes", "--over", "restitution=0.5,1.5"), "restitution"),
+        (
+            ("impact_mass", "regimes", "--over", "restitution=0.5,x"),
+            "value of restitution 'x': expected a finite number",
+        ),
     ],
 )
 def test_a_wrong_question_is_one_line_and_exit_code_2(asked, words, told):
