@@ -12,15 +12,6 @@ Everything = Annotated[bool, option("every row and column", False, "--all")]
 Cores = Annotated[int | None, option("processor cores to use, a process each", ge=1, le=1024, shown="all cores")]
 Scheduler = Annotated[str | None, option("Dask scheduler, tcp://HOST:PORT", metavar="ADDRESS")]
 Seed = Annotated[int, option("seed of the random draws; the same seed gives the same answer", 1, ge=0)]
-Over = Annotated[
-    list[str],
-    option(
-        "from:to:count, from:to:count:log, or a,b,c; several keys make a grid",
-        ...,
-        metavar="KEY=VALUES...",
-        complete="settings",
-    ),
-]
 Limits = Annotated[
     list[str],
     option(
@@ -67,7 +58,12 @@ class SweepVerb(Study, answer="study_answers:answer_sweep"):
     """Sweep configuration keys over a grid; resume an interrupted sweep."""
 
     rules: ClassVar[Rules] = (SPREAD,)
-    over: Over
+    over: list[str] = option(
+        "from:to:count, from:to:count:log, or a,b,c; several keys make a grid",
+        ...,
+        metavar="KEY=VALUES...",
+        complete="settings",
+    )
     out: Path | None = option(
         "table to write, NAME.parquet or NAME.csv", writes=(".parquet", ".csv"), usual="sweep.parquet"
     )
