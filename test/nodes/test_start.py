@@ -151,7 +151,6 @@ def test_calls_without_end_from_another_process_do_not_stop_the_steps(machine: s
             halts_s.append(time.monotonic() - last_s)
             last_s = last_s if run.step == before else time.monotonic()
         calls = int(storm.communicate()[0])
-        assert calls >= STORM_CALLS
         assert calls <= MOST_CALLS_A_STEP * (run.step - first)
         begun = time.monotonic()
         start_forecast(run.machine, run.machine.linkage.start(), 1.0)
