@@ -1,19 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Style of the figures: size, fonts, colours for colour-blind readers; and output as files."""
+"""Style of the figures: size, fonts, colours for colour-blind readers; and output as files.
+
+Machines that draw are loaded without the libraries of pictures: these are imported where something is drawn.
+"""
+
+from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from PIL import Image
 
 from mech_twin.files.output_file import written_file
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from PIL import Image
 
 # Okabe and Ito's palette, without its yellow
 BLUE, RED, GREEN = "#0072b2", "#d55e00", "#009e73"
@@ -50,7 +55,9 @@ STYLE: Any = {
 
 def house_style() -> AbstractContextManager[None]:
     """Return the context manager with the style of all figures."""
-    return mpl.rc_context(STYLE)
+    from matplotlib import rc_context
+
+    return rc_context(STYLE)
 
 
 class Picture(NamedTuple):
@@ -72,6 +79,9 @@ def sheet(
 
 def blank(width: float, height: float) -> Figure:
     """Return a figure without axes; sizes in inches."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
@@ -92,6 +102,9 @@ def published(axes: Axes, x: Sequence[float], y: Sequence[float], label: str = "
 
 def _raster(figure: Figure) -> Image.Image:
     """Return the figure as an image of 64 colours, a third of the size of a full-colour one."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from PIL import Image
+
     figure.set_dpi(DPI)
     canvas: Any = FigureCanvasAgg(figure)
     canvas.draw()

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from mech_twin.capabilities.plots import house_style, sheet
 from mech_twin.declarations.captions import axis_title, titled, unit_of, unknown_name
 from mech_twin.errors import StudyError, UnknownNameError
 from mech_twin.files.report_page import shown
@@ -122,7 +123,6 @@ class Columns(_WithUnits[NDArray[Any]]):
             Columns to plot; if none is given, those that vary, of the first `MOST_PANELS` units.
         """
         require_extra("plots")
-        from mech_twin.capabilities.plots import house_style, sheet
 
         panels, along = self._panels(names), self[self.along]
         line = "-" if len(set(along.tolist())) == len(along) else "."

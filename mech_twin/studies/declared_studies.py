@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -26,6 +26,7 @@ from mech_twin.capabilities.long_run import (
     SynthesisAnswer,
     SynthesisQuestion,
 )
+from mech_twin.capabilities.plots import Picture, house_style, written
 from mech_twin.capabilities.published import CONTRADICTS, PublishedRow
 from mech_twin.capabilities.sizing import Sizing, SizingQuestion
 from mech_twin.declarations.captions import unknown_name
@@ -36,9 +37,6 @@ from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.load import catalogue_entry, machine_parameters, table
 from mech_twin.roles import Machine
 from mech_twin.studies.sweep_table import require_key
-
-if TYPE_CHECKING:
-    from mech_twin.capabilities.plots import Picture
 
 FilePath = str | PathLike[str]
 MOST_TOLERANCE = 0.5  # a wider box of tolerances does not describe one machine
@@ -108,8 +106,6 @@ def analysed_columns(machine: Machine, crank_rad: Iterable[float]) -> dict[str, 
 
 def machine_pictures(machine: str, parameters: Parameters | None = None) -> tuple[Picture, ...]:
     """Return the figures of one machine for these parameters or the installed configuration."""
-    from mech_twin.capabilities.plots import house_style  # matplotlib is an extra
-
     entry = catalogue_entry(machine)
     pictures = entry.capabilities.pictures
     if pictures is None:
@@ -131,8 +127,6 @@ def draw_figures(machine: str, directory: FilePath, parameters: Parameters | Non
     parameters : Parameters, optional
         Configuration of the machine; the installed one if absent.
     """
-    from mech_twin.capabilities.plots import written
-
     Path(directory).mkdir(parents=True, exist_ok=True)
     pictures = machine_pictures(machine, parameters)
     return [file for picture in pictures for file in written(picture, Path(directory))]

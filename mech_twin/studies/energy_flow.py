@@ -4,10 +4,11 @@
 Work is positive if an element gives energy to the machine.  The sum of the works equals the change of stored energy.
 """
 
-from typing import NamedTuple
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from mech_twin.capabilities.plots import BLUE, COLOURS, GREY, RED, house_style, sheet, turn_axis
@@ -16,6 +17,9 @@ from mech_twin.machines.catalog import Entry
 from mech_twin.measurements.model_turn import cycle_joint
 from mech_twin.roles import Machine
 from mech_twin.samples import Frame
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 WORK, LOSS, HELD = "_work_j", "_loss_j", ("energy_j", "stored_energy_j")

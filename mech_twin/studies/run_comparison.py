@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mech_twin.capabilities.arguments import real_number
+from mech_twin.capabilities.plots import house_style, sheet
 from mech_twin.declarations.captions import axis_title, unit_of
 from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.errors import StudyError
@@ -177,8 +178,6 @@ def columns_apart(first: ComparedRun, second: ComparedRun, most: int) -> list[st
 
 def drawn_side_by_side(first: ComparedRun, second: ComparedRun, names: Sequence[str]) -> Any:
     """Return a figure of columns of both sides over time, one panel for each column."""
-    from mech_twin.capabilities.plots import house_style, sheet
-
     with house_style():
         figure, all_axes = sheet(len(names), 1, height=1.0 + 1.7 * len(names), sharex=True)
         for axes, name in zip(all_axes, names, strict=True):

@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from mech_twin.capabilities.arguments import by_name, real_number, several
+from mech_twin.capabilities.plots import DPI, house_style, sheet
 from mech_twin.declarations.captions import unknown_name
 from mech_twin.declarations.configuration_tree import (
     ConfigurationError,
@@ -222,8 +223,6 @@ def write_picture(asked: Question, found: Sequence[Point], path: Path) -> bool:
     names = [name for name in table if name not in (*asked.keys, REFUSED) and varies(table[name])][:PANELS]
     if not names:
         return False
-    from mech_twin.capabilities.plots import house_style
-
     held = [f"{key} = {values[0]}" for key, values in asked.axes if len(values) == 1]
     title = ", ".join([f"{asked.tree.get('name', asked.machine)}: {asked.count} points", *held])
     with house_style():
@@ -232,8 +231,6 @@ def write_picture(asked: Question, found: Sequence[Point], path: Path) -> bool:
 
 
 def _draw(asked: Question, title: str, table: dict[str, list[Any]], names: Sequence[str], path: Path) -> None:
-    from mech_twin.capabilities.plots import DPI, sheet
-
     wide = min(len(names), 3 if len(asked.axes) == 2 else 2)
     tall = math.ceil(len(names) / wide)
     figure, panels = sheet(tall, wide, 4.0 * wide, 3.2 * tall)

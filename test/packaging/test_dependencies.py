@@ -165,10 +165,10 @@ def without_extras(*words: str, cwd: Path, script: str = COMMAND) -> subprocess.
 
 
 def test_no_verb_needs_an_extra_before_it_is_asked_for(tmp_path: Path) -> None:
-    rooms = ("cli", "nodes/roles", "nodes/shadow", "recording")
-    files = [file for room in rooms for file in sorted((PACKAGE / room).glob("[!_]*.py"))]
+    shown = {PACKAGE / "view", PACKAGE / "nodes" / "run"}  # servers and scenes of the browser
+    files = [file for file in sorted(PACKAGE.rglob("[!_]*.py")) if not shown & set(file.parents)]
     modules = [".".join(file.relative_to(ROOT).with_suffix("").parts) for file in files]
-    assert len(modules) > 40
+    assert len(modules) > 250
     done = without_extras(cwd=tmp_path, script="\n".join(f"import {module}" for module in modules))
     assert done.returncode == 0, done.stderr
 
@@ -178,6 +178,15 @@ def test_a_machine_is_simulated_without_any_extra(tmp_path: Path) -> None:
     done = without_extras("simulate", "winding_drum", "--duration", "0.05", "--bag", "bag", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "bag" / "metadata.yaml").is_file()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "words", [("reproduce", "winding_drum"), ("study", "compaction_press", "size", "--tolerance", "0")]
+)
+def test_a_study_that_draws_nothing_needs_no_extra(words: tuple[str, ...], tmp_path: Path) -> None:
+    done = without_extras(*words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.slow

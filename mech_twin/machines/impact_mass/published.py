@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Published numbers of the impact mass, and the motions, velocities and phase portraits of figs. 2, 3 and 4."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from mech_twin.capabilities.plots import BLUE, GREY, INK, PURPLE, RED, Picture, blank, published, sheet
@@ -24,6 +25,9 @@ from mech_twin.machines.impact_mass.synthesis import (
     published_parameters,
     with_phase2_force,
 )
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 PAPER = "Manzhosov, Novikov"
 WORKED = "exact computation"

@@ -33,6 +33,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mech_twin.capabilities.plots import sheet
 from mech_twin.files.output_file import written_file
 from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.impact_mass.dynamics import (
@@ -293,8 +294,6 @@ def regime_of(parameters: ImpactMass, settling_periods: int = 1000) -> LongRunRe
 
 def write_bifurcation_picture(key: str, values: Sequence[float], regimes: Sequence[LongRunRegime], path: Path) -> None:
     """Write the bifurcation picture: hardest blow of each period against the swept key, coloured by regime."""
-    from mech_twin.capabilities.plots import sheet  # draws with matplotlib, which is slow to import
-
     colours = {
         "periodic": "#3c5ab4",
         "chatter": "#c83c28",

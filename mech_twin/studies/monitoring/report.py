@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mech_twin.capabilities.plots import BLUE, GREY, RED, house_style, sheet
 from mech_twin.declarations.captions import axis_title
 from mech_twin.errors import StudyError
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap, fixed
@@ -320,8 +321,6 @@ def healthy_features(setup: MonitorSetup) -> dict[str, tuple[float, float]]:
 
 def drawn_explanation(setup: MonitorSetup, vectors: Sequence[FeatureVector], alarm: Alarm, found: Explanation) -> Any:
     """Return the figure: changes of features and those that the fault predicts; the largest also over time."""
-    from mech_twin.capabilities.plots import BLUE, GREY, RED, house_style, sheet
-
     bars, curves = found.features[:BARS], found.features[:CURVES]
     with house_style():
         figure, all_axes = sheet(1 + len(curves), 1, height=1.6 + 0.2 * len(bars) + 1.6 * len(curves))
@@ -345,8 +344,6 @@ def drawn_explanation(setup: MonitorSetup, vectors: Sequence[FeatureVector], ala
 
 
 def _draw_over_time(panel: Any, setup: MonitorSetup, vectors: Sequence[FeatureVector], feature: FeatureChange) -> None:
-    from mech_twin.capabilities.plots import BLUE, GREY
-
     place = setup.baseline.names.index(feature.name)
     offset = feature.healthy - setup.baseline.mean[place]
     seen = vectors if setup.operating is None else [setup.operating.reduced(vector)[0] for vector in vectors]
