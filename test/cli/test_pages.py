@@ -239,6 +239,7 @@ def test_a_flywheel_is_written_into_the_page(tmp_path):
     assert again["metrics"]["flywheel_inertia_kg_m2"] == pytest.approx(0.0, abs=1e-6 * flywheel)
 
 
+@pytest.mark.slow
 def test_a_length_of_the_page_is_swept_as_a_number_of_its_point(page, tmp_path):
     table = tmp_path / "sweep.csv"
     words = ("--duration", "0.2", "--out", table, "--no-picture", "--cores", "1", "--force")
@@ -301,6 +302,7 @@ def test_the_keys_of_a_group_are_told_with_unit_and_meaning():
         answer("new", "--keys", "sprngs")
 
 
+@pytest.mark.slow
 def test_a_point_of_a_page_is_identified_and_written_into_the_folder(tmp_path):
     sensors = """machine: page
 time: {column: t}

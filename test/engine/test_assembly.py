@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Samples arriving one by one become steps: each once, in order, whole unless a sample of it was lost."""
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -49,6 +50,7 @@ def test_each_step_comes_once_in_order_with_every_sample_that_arrived(run):
     assert len(given_back) <= steps
 
 
+@pytest.mark.slow
 @given(arrivals(), st.data())
 @settings(deadline=None)
 def test_a_sample_sent_again_is_counted_and_changes_nothing(run, data):

@@ -44,6 +44,7 @@ def test_the_command_of_a_unit_has_its_bounds() -> None:
     assert (command.least, command.greatest) == (0.0, 1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_values_set_together_are_the_constants_of_that_configuration(name: str) -> None:
     machine, entry = built_machine(name), catalogue_entry(name)

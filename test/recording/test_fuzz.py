@@ -110,6 +110,7 @@ def test_a_few_damaged_recordings(tmp_path: Path) -> None:
         used(bag, tmp_path / f"out_{number}")
 
 
+@pytest.mark.slow
 def test_damaged_metadata(tmp_path: Path) -> None:
     bag = written(tmp_path / "bag", 3)
     file = bag / "metadata.yaml"

@@ -161,6 +161,7 @@ def compared(run: MeasuredRun, *added: MeasuredChannel) -> list[Compared]:
     return measured_forces(samples, whole, CRANK).compared[len(run.channels) - 1 :]
 
 
+@pytest.mark.slow
 @settings(max_examples=8)
 @given(
     st.floats(0.5, 50.0),

@@ -130,7 +130,10 @@ def test_the_work_of_a_lossless_turn_is_told_as_zero_and_small_real_numbers_are_
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ["compaction_press", "roller_former", "vibration_crank", "mb10_breaker"])
+BREAKER = pytest.param("mb10_breaker", marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize("name", ["compaction_press", "roller_former", "vibration_crank", BREAKER])
 def test_a_third_step_agrees_with_every_number_told(name: str) -> None:
     duration_s = 2.5
     machine = built(name)

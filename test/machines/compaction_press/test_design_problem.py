@@ -240,7 +240,7 @@ def test_a_layer_met_in_the_working_quarter_is_the_same_in_bulk_and_as_written()
     assert tuple(evaluation(row, problem).objectives[0]) == pytest.approx(found, rel=2e-2)
 
 
-@pytest.mark.parametrize("speed_rpm", [300.0, -300.0])
+@pytest.mark.parametrize("speed_rpm", [300.0, pytest.param(-300.0, marks=pytest.mark.slow)])
 def test_of_two_equal_lows_a_design_is_judged_at_the_one_of_its_own_run(speed_rpm):
     """Loaded at the pendulum's pin, every design passes its lowest point twice a turn."""
     pin = {"working_force.application_from_a_m": 0.5, "drive.speed_rpm": speed_rpm}

@@ -183,12 +183,13 @@ def test_a_bearing_s_peak_in_a_blow_is_far_above_that_between_blows():
     assert found["steady_rocker_bearing_blow_peak_n"] > 50.0 * found["steady_rocker_bearing_between_blows_peak_n"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("key", "value"),
     [
         ("body.spring_rate_n_per_m", 47970.0),
-        pytest.param("body.preload_deflection_m", 0.0125, marks=pytest.mark.slow),
-        pytest.param("gear.efficiency", 0.87, marks=pytest.mark.slow),
+        ("body.preload_deflection_m", 0.0125),
+        ("gear.efficiency", 0.87),
     ],
 )
 def test_after_a_live_change_the_last_cycles_are_those_of_a_machine_that_was_made_so(key, value):
@@ -202,13 +203,8 @@ def test_after_a_live_change_the_last_cycles_are_those_of_a_machine_that_was_mad
         assert found[name] == pytest.approx(made[name], rel=1e-5)
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        "tool_mass=+15%",
-        *(pytest.param(each, marks=pytest.mark.slow) for each in ("supply_voltage=-5%", "rotor_resistance=+15%")),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("change", ["tool_mass=+15%", "supply_voltage=-5%", "rotor_resistance=+15%"])
 def test_after_a_fault_or_another_operating_point_the_last_cycles_are_those_of_a_machine_that_was_made_so(change):
     twin = machine("mb10_breaker")
     changing = ChangingMachine(twin, live_changes([f"{change}@0.5"]))

@@ -383,6 +383,7 @@ def test_a_bar_on_two_sliders_turns_through_their_dead_points():
         assert at == pytest.approx((0.5 * math.cos(angle), 0.5 * math.sin(angle)), abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_crank_behind_a_slip_clutch_turns_through_the_dead_centres_of_its_slider():
     changes = {
         "bodies": {"hub": {"inertia_kg_m2": 0.1}},
@@ -400,6 +401,7 @@ def test_a_crank_behind_a_slip_clutch_turns_through_the_dead_centres_of_its_slid
     assert max(abs(frame.linkage.residuals["energy_balance"]) for frame in told) < 1e-7
 
 
+@pytest.mark.slow
 def test_closed_rigid_contacts_do_not_drift(tmp_path):
     two_feet = tmp_path / "box.yaml"
     two_feet.write_text("""

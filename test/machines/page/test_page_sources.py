@@ -37,6 +37,7 @@ def test_the_roller_former_swings_as_the_machine_does(carts):
             assert min(np.abs(force - expected).max(), np.abs(force + expected).max()) <= 1e-8 * peak
 
 
+@pytest.mark.slow
 def test_the_roller_former_starts_as_the_machine_does_when_the_step_is_short():
     """Page and machine hold the motor's torque differently within a step: what parts them goes with its square."""
     parted = []
@@ -77,6 +78,7 @@ def circle_point(first, r1, second, r2, side):
     return first + along * x + side * math.sqrt(r1 * r1 - along * along) * np.array([-x[1], x[0]])
 
 
+@pytest.mark.slow
 def test_the_jaw_crusher_closes_by_the_circles_of_its_links():
     ours = told(page("jaw_crusher"), 1.5)
     angles = []

@@ -92,7 +92,6 @@ def independent(p: RollerFormer, offsets: list[float], weight: bool) -> np.ndarr
 
 
 CASES: tuple[dict[str, Any], ...] = (
-    {},
     {"start.crank_deg": 77.0, "friction.coulomb_nm": 25.0, "friction.viscous_nms_per_rad": 2.0},
     {"start.crank_deg": -130.0, "carts.gravity_m_per_s2": 9.81, "carts.rod_mass_kg": 90.0, "carts.crank_m": 0.35},
     {"drive.stiffness_nm_per_rad": 25000.0, "drive.damping_nms_per_rad": 300.0, "carts.roller_force_x_n": 600.0},
@@ -100,7 +99,11 @@ CASES: tuple[dict[str, Any], ...] = (
 )
 
 
-@pytest.mark.parametrize("changes", CASES, ids=["default", "friction", "rods", "soft", "lossy"])
+@pytest.mark.parametrize(
+    "changes",
+    [{}, *(pytest.param(changes, marks=pytest.mark.slow) for changes in CASES)],
+    ids=["default", "friction", "rods", "soft", "lossy"],
+)
 @pytest.mark.parametrize("carts", [1, *(pytest.param(carts, marks=pytest.mark.slow) for carts in (2, 3))])
 def test_the_motion_is_that_of_a_second_implementation(carts: int, changes: dict[str, Any]) -> None:
     overrides = {**AT_SPEED, **changes, "integrator.tolerance": 1e-12}

@@ -57,6 +57,7 @@ def turned(package, radius, phi, yarn, span):
     return y
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("winding", [False, True])
 def test_angular_acceleration_is_the_derivative_of_speed_along_the_motion(winding):
     parameters = machine("winding_drum").parameters

@@ -52,6 +52,7 @@ def test_the_configuration_itself_comes_back_from_its_own_values(name: str) -> N
     assert keyed.parameters(keyed.values()) == base
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_the_motion_depends_on_no_key_that_all_keys_leave_out(name: str) -> None:
     base = machine_parameters(name)

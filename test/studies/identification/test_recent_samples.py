@@ -81,6 +81,7 @@ def test_too_few_samples_are_refused():
         recent.run(5.0)
 
 
+@pytest.mark.slow
 def test_a_fit_that_finds_nothing_says_so_and_not_that_what_was_held_out_is_predicted_badly():
     base = built(NAME).parameters
     run, random = roll_out(built(NAME), 2.0), np.random.default_rng(3)

@@ -53,11 +53,12 @@ def fitted(run: FitRun) -> Identification:
     return identified(question, [run])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("errors", "told", "size"),
     [
-        pytest.param({"zeros": {TORQUE: 20.0}}, f"a zero of {TORQUE} that is off by", 20.0, marks=pytest.mark.slow),
-        pytest.param({"lags_s": {SLIDER: 0.004}}, f"a lag of {SLIDER} that is off by", 0.004, marks=pytest.mark.slow),
+        ({"zeros": {TORQUE: 20.0}}, f"a zero of {TORQUE} that is off by", 20.0),
+        ({"lags_s": {SLIDER: 0.004}}, f"a lag of {SLIDER} that is off by", 0.004),
         ({"clock": 0.002}, "a clock", 0.2),
     ],
 )
@@ -83,7 +84,8 @@ def test_no_sensor_is_to_blame_for_a_prior_that_the_run_contradicts() -> None:
         assert "would explain" not in key.reason
 
 
-@pytest.mark.parametrize("deviation_kg", [pytest.param(0.2, marks=pytest.mark.slow), 1.0])
+@pytest.mark.slow
+@pytest.mark.parametrize("deviation_kg", [0.2, 1.0])
 def test_a_prior_that_the_run_contradicts_is_told_with_the_value_of_the_run(deviation_kg: float) -> None:
     base, wrong = machine_parameters("vibration_crank"), {"masses.tree_kg": (50.0, deviation_kg)}
     question = IdentificationQuestion("vibration_crank", base, tuple(TRUE), {}, wrong, cores=1)

@@ -174,7 +174,11 @@ def test_a_fault_that_has_gone_keeps_the_size_it_had(setup: MonitorSetup) -> Non
 
 @pytest.mark.parametrize(
     ("began", "became", "size"),
-    [(-0.1, "soft", -0.3), pytest.param(-0.3, "soft", -0.1, marks=pytest.mark.slow), (-0.3, "bent", -0.3)],
+    [
+        (-0.1, "soft", -0.3),
+        pytest.param(-0.3, "soft", -0.1, marks=pytest.mark.slow),
+        pytest.param(-0.3, "bent", -0.3, marks=pytest.mark.slow),
+    ],
     ids=["grows", "is made good in part", "another"],
 )
 def test_a_standing_alarm_tells_the_largest_that_its_fault_has_been(
