@@ -49,6 +49,8 @@ OF_RUNS = ("--objective", "shaft_force_max_n", "--duration", "0.1", "--cores", "
 ECCENTRIC = {"eccentricity_m": (0.001, 0.002)}
 LONG = (
     "study search",
+    "study search by runs",
+    "study size",
     "study size by runs",
     "study designs",
     "study synthesise",

@@ -169,6 +169,7 @@ def test_a_sweep_is_the_table_that_the_study_writes(tmp_path):
     assert [float(row["rated_torque_nm"]) for row in rows] == table["rated_torque_nm"].tolist()
 
 
+@pytest.mark.slow
 def test_sizes_and_published_rows_are_those_of_the_studies():
     from mech_twin.studies import reproduce, size
 
@@ -386,6 +387,7 @@ def test_a_page_is_a_path_or_its_text(tmp_path: Path) -> None:
     assert mt.simulate(file, 0.01).summary == mt.simulate(str(file), 0.01).summary
 
 
+@pytest.mark.slow
 def test_what_is_shown_of_a_page_names_it(tmp_path: Path) -> None:
     page = str(Path(__file__).parents[1] / "config/pages/slider_crank.yaml")
     words = {"simulate": ["--duration", "0.01", "--one-step"], "analyse": [], "study": ["sweep", "--no-picture"]}

@@ -197,6 +197,7 @@ def test_a_client_sees_topics_parameters_and_services_and_changes_the_machine():
         assert with_client(port, diagnosed) == CRANK
 
 
+@pytest.mark.slow
 def test_a_client_that_comes_later_sees_the_description_that_another_shows_already():
     async def talk(first):
         held = await first.look_at(f"/{CRANK}/description")
