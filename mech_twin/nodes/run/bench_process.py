@@ -78,7 +78,7 @@ class Trials:
                 answer = {"refused": str(error)}
             except BrokenProcessPool as error:
                 raise OrderError("the trial was ended") from error
-        return json.dumps({"kind": "ghost", **answer}, separators=(",", ":"))
+        return json.dumps({"kind": "ghost", "values": values, **answer}, separators=(",", ":"))
 
     async def close(self) -> None:
         """End the process."""

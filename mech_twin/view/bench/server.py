@@ -354,11 +354,12 @@ class Bench:
 
     async def _tried(self, page: BenchPage, message: Mapping[str, Any], tried: Obey) -> None:
         """Send the result of a trial of values to the requesting page only; nothing is sent to the machine."""
+        values = message.get("values", {})
         try:
             check_order({"name": "try", **message})
-            page.tell(await tried(message.get("values", {})))
+            page.tell(await tried(values))
         except OrderError as error:
-            page.tell({"kind": "ghost", "refused": str(error)})
+            page.tell({"kind": "ghost", "refused": str(error), "values": values})
         finally:
             page.is_trying = False
 

@@ -47,6 +47,11 @@ export function showGhost(message) {
   const { name, value, begun } = ghost.asked;
   const row = name && find("keys").querySelector(`[data-name="${CSS.escape(name)}"] .was`);
   ghost.asked = null;
+  if (name && message.values[name] !== value) { // of before a takeover: while it was computed, the bench took no other
+    attempt(name, value);
+    ghost.asked.begun = begun;
+    return;
+  }
   if (!row) message.curves = null;
   else if (message.refused) row.textContent = message.refused;
   else {
