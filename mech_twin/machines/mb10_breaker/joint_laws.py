@@ -126,15 +126,15 @@ def sense_of(regime: int, speed: float) -> float:
 @borrowing_kernel
 def senses(b: Breaker, y: Array, regimes: Indices) -> tuple[float, float]:
     """Return the sliding directions of crank and body: 1 for a joint without friction, 0 for a body on its collar."""
-    if b.crank_coulomb_nm == 0.0 and b.body_coulomb_nm == 0.0:
-        return 1.0, 1.0
     crank = sense_of(regimes[LAW.crank], y[CRANK_RATE]) if b.crank_coulomb_nm > 0.0 else 1.0
+    if b.body_coulomb_nm == 0.0:
+        return crank, 1.0
     if on_collar(b, regimes):
         return crank, 0.0
     body = sense_of(regimes[LAW.pivot], y[BODY_RATE])
     if on_wall(regimes):
         body = sense_of(regimes[LAW.crank], y[CRANK_RATE]) * math.copysign(1.0, striker(b, y[CRANK])[1])
-    return crank, body if b.body_coulomb_nm > 0.0 else 1.0
+    return crank, body
 
 
 @inline_kernel

@@ -38,6 +38,7 @@ class Lanes:
         self._linkage = machine.linkage.regimes
         self._body = () if machine.body is None else machine.body.regimes
         self._now: dict[str, str] = {}
+        self._told: set[str] = set()  # a joint without friction only ever slides forwards, and has no lane
         self._first: dict[str, str] = {}
         self._begin_s: float | None = None
         self._changes: dict[str, list[list[Any]]] = {}
@@ -51,6 +52,8 @@ class Lanes:
             if word == before:
                 continue
             self._now[lane] = word
+            if word != SENSES[1]:
+                self._told.add(lane)
             changes = self._changes.setdefault(lane, [])
             changes.append([round(time_s, 9), word])
             del changes[:-MOST_CHANGES]
@@ -63,6 +66,7 @@ class Lanes:
         rows = [
             [lane, round(begin_s, 9), self._first.get(lane, word), self._changes.get(lane, [])]
             for lane, word in self._now.items()
+            if lane in self._told
         ]
         self._first, self._changes, self._begin_s = dict(self._now), {}, None
         return rows
@@ -84,7 +88,7 @@ class Lanes:
         for name, value in zip(linkage.memory.names, linkage.memory.values, strict=True):
             if name == "tool_regime":
                 yield linkage.time_s, "tool", _named(TOOL, int(value))
-            elif name.endswith(SENSE):
+            elif name.endswith(SENSE) and linkage.step > 0:  # before the first step nothing has slid
                 part = name.removesuffix(SENSE)
                 yield linkage.time_s, f"{part} friction", SENSES[int(value)]
 

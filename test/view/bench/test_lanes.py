@@ -9,6 +9,7 @@ from catalogue import NAMES, built
 from mech_twin.declarations.captions import caption
 from mech_twin.engine.run import frames
 from mech_twin.machines.mb10_breaker import dynamics
+from mech_twin.parameters.load import machine
 from mech_twin.samples import Event
 from mech_twin.view.bench.scene import TOOL, BenchScene, Lanes
 from mech_twin.view.sending import LIVE
@@ -63,6 +64,22 @@ def test_a_page_that_has_lost_the_oldest_pictures_knows_the_regimes_from_the_nex
     begin_s = told[7][0][1]
     for lane, row in late.items():
         assert row[0] == (begin_s, at(whole[lane], begin_s))
+
+
+@pytest.mark.parametrize(
+    ("settings", "told"),
+    [
+        ({}, set()),
+        ({"body.friction.coulomb_nm": 0.5}, {"body friction"}),
+        ({"friction.coulomb_nm": 500.0}, {"crank friction"}),  # more than the motor can turn
+    ],
+)
+def test_a_joint_has_a_lane_of_friction_where_friction_holds_it_or_acts_backwards(settings, told):
+    rubbing = machine("mb10_breaker", None, settings)
+    lanes = Lanes(rubbing)
+    for frame in frames(rubbing, SPAN_S):
+        lanes.add(frame)
+    assert {name for name in words_over_time([lanes.taken()]) if name.endswith("friction")} == told
 
 
 def test_the_words_of_the_tool_are_those_of_its_regimes():
