@@ -36,7 +36,6 @@ from mech_twin.engine.crank_motion import (
     TurningCrank,
     fill_tolerance,
     held_shares,
-    law_of,
     load_torque,
     note_stall,
     sign_of,
@@ -63,7 +62,7 @@ from mech_twin.engine.crank_state import (
     within_a_turn,
 )
 from mech_twin.engine.hybrid.declared import declared
-from mech_twin.engine.hybrid.laws import Array
+from mech_twin.engine.hybrid.laws import Array, law_of
 from mech_twin.engine.hybrid.loop import (
     CONTRADICTS,
     MOST_PIECES,

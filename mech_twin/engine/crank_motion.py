@@ -74,12 +74,6 @@ def turning_sense(regime: int) -> float:
 
 
 @embedded_kernel
-def law_of(sense: float) -> int:
-    """Return the regime of the crank's law for a sense of rotation."""
-    return LOW if sense > 0.0 else HIGH if sense < 0.0 else HOLD
-
-
-@embedded_kernel
 def resisting_row(crank: Crank, regime: int) -> int:
     """Return the row of the purely resisting load of a regime, -1 where there is none."""
     for i in range(len(crank.resisting)):
@@ -250,12 +244,6 @@ def change_sense(
     return log_crank(
         motion, t + motion.drive.start_s, kind, CRANK_CONTACT, (0.0, 0.0, before), (held, held), log, count
     )
-
-
-@laws.declares(laws.note_impact, TurningCrank)
-def no_impact(motion: TurningCrank, t: float, before: Array, y: Array, at: Equations, log: Array, count: int) -> int:
-    """Log nothing: a crank linkage has no impacts."""
-    return count
 
 
 @borrowing_kernel

@@ -72,10 +72,10 @@ def count_torque_energy(mechanism: Any, f: float, w: float, e: float, regime: in
     return len(positions), torque, energy
 
 
-@generic()
+@generic(kernel)
 def mechanism_load_work(mechanism: Any, before: float, after: float, regime: int) -> float:
-    """Return the work (J) of the load between two crank angles (rad)."""
-    raise NotImplementedError
+    """Return the work (J) of the load between two crank angles (rad); none if all loads have a potential."""
+    return 0.0
 
 
 @generic()
@@ -96,10 +96,10 @@ def mechanism_reduced(mechanism: Any, f: float, regime: int) -> tuple[float, flo
     raise NotImplementedError
 
 
-@generic()
+@generic(kernel)
 def under_load_share(mechanism: Any, share: float) -> Any:
-    """Return the mechanism with this share of its load."""
-    raise NotImplementedError
+    """Return the mechanism with this share of its load; unchanged if no load is purely resisting."""
+    return mechanism
 
 
 class Boundary(NamedTuple):

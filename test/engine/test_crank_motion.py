@@ -23,10 +23,10 @@ from mech_twin.engine.crank_motion import (
     STATE_SIZE,
     STOPPED,
     TurningCrank,
-    law_of,
 )
 from mech_twin.engine.crank_state import NO_MOTOR, Crank, ShaftDrive, ShaftFriction, Transmission, crank_drive
 from mech_twin.engine.hybrid.declared import declared
+from mech_twin.engine.hybrid.laws import law_of
 from mech_twin.engine.hybrid.loop import TOO_LONG, UNSTEADY, advance
 from mech_twin.engine.sample_vectors import KIND, TIME
 from mech_twin.kernels.kernel import kernel

@@ -92,6 +92,12 @@ def only_freedom(at: Equations, law: int) -> int:
     return found
 
 
+@embedded_kernel
+def law_of(sense: float) -> int:
+    """Return the regime of a law without a gap at a velocity, of which the sign counts."""
+    return LOW if sense > 0.0 else HIGH if sense < 0.0 else HOLD
+
+
 def declares(of: Callable[..., Any], system_type: type) -> Callable[[Function], Function]:
     """Declare a kernel as one of the functions below for a type of system; compiled without reference counting."""
     return step_of(of, system_type, embedded_kernel)
@@ -161,9 +167,9 @@ def fill_signals(system: Any, t: float, y: Array, regimes: Indices, at: Equation
     """
 
 
-@generic()
+@generic(embedded_kernel)
 def begin_piece(system: Any, t: float, y: Array, regimes: Indices) -> None:
-    """Prepare a smooth piece of motion: for instance the next angle at which the load changes."""
+    """Prepare a smooth piece of motion, for instance the next angle at which the load changes; else nothing."""
 
 
 @generic()
@@ -196,7 +202,10 @@ def begin_impact(system: Any, t: float, y: Array, regimes: Indices, at: Equation
     """
 
 
-@generic()
+@generic(embedded_kernel)
 def note_impact(system: Any, t: float, before: Array, y: Array, at: Equations, log: Array, count: int) -> int:
-    """Log an impact and add its loss; ``at.multiplier`` has the impulses (N s, N m s); return the number of events."""
-    raise NotImplementedError
+    """Log an impact and add its loss; ``at.multiplier`` has the impulses (N s, N m s); return the number of events.
+
+    Without a declaration the system has no impacts.
+    """
+    return count

@@ -72,11 +72,7 @@ def sense_of(regime: int) -> float:
 @embedded_kernel
 def law_of(sticks: bool, speed: float, sense: float) -> int:
     """Return the regime of a law; at rest that of the stored direction."""
-    if not sticks:
-        return OPEN
-    if speed != 0.0:
-        return LOW if speed > 0.0 else HIGH
-    return LOW if sense > 0.0 else HIGH if sense < 0.0 else HOLD
+    return laws.law_of(speed if speed != 0.0 else sense) if sticks else OPEN
 
 
 @embedded_kernel
@@ -264,12 +260,6 @@ def change_sense(
         return log_former(motion, t, HELD_EVENT, y[CRANK], log, count)
     if before == HOLD and after != HOLD:
         return log_former(motion, t, RELEASED_EVENT, y[CRANK], log, count)
-    return count
-
-
-@laws.declares(laws.note_impact, FormerMotion)
-def no_impact(motion: FormerMotion, t: float, before: Array, y: Array, at: Equations, log: Array, count: int) -> int:
-    """Log nothing: the roller former has no impacts."""
     return count
 
 

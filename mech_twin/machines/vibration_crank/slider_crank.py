@@ -38,11 +38,9 @@ from mech_twin.engine.crank_linkage import route_miss
 from mech_twin.engine.crank_state import (
     mechanism_drive_moment,
     mechanism_load_speed,
-    mechanism_load_work,
     mechanism_reduced,
     mechanism_state,
     memory_of,
-    under_load_share,
 )
 from mech_twin.engine.sample_vectors import LINKAGE_JOINTS, Array
 from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel, kernel
@@ -368,12 +366,6 @@ def crank_state(
     return (f, rod, at.z), (w, rod_rate, at.z1 * w), drive_moment(s, f, w, e), stored_energy(s, f, w), rod_error(s, f)
 
 
-@step_of(mechanism_load_work, SliderCrank)
-def crank_load_work(mechanism: SliderCrank, before: float, after: float, regime: int) -> float:
-    """Return 0: weights and working force have a potential."""
-    return 0.0
-
-
 @step_of(mechanism_load_speed, SliderCrank)
 def crank_load_speed(mechanism: SliderCrank, f: float, w: float) -> float:
     """Return the speed of the follower (m/s, or rad/s of a boom)."""
@@ -390,9 +382,3 @@ def crank_drive_moment(mechanism: SliderCrank, f: float, w: float, e: float, reg
 def crank_reduced(mechanism: SliderCrank, f: float, regime: int) -> tuple[float, float, float]:
     """Return inertia (kg m2), its slope (kg m2/rad) and moment (N m) reduced to the crank."""
     return reduced(mechanism, f)
-
-
-@step_of(under_load_share, SliderCrank)
-def whole_load(mechanism: SliderCrank, share: float) -> SliderCrank:
-    """Return the mechanism unchanged: it has no purely resisting load, so the share is always 1."""
-    return mechanism

@@ -25,7 +25,7 @@ from typing import NamedTuple
 from mech_twin.engine.compiled_steps import fill_event
 from mech_twin.engine.hybrid import laws
 from mech_twin.engine.hybrid.declared import declared
-from mech_twin.engine.hybrid.laws import HIGH, HOLD, LOW, Array, Equations, Indices
+from mech_twin.engine.hybrid.laws import HOLD, Array, Equations, Indices, law_of
 from mech_twin.engine.hybrid.loop import MOST_STEPS, TOO_LONG, UNSTEADY, advance, room_in
 from mech_twin.engine.integration import DORMAND_PRINCE_5, DORMAND_PRINCE_8
 from mech_twin.engine.sample_vectors import EVENT_WIDTH, PRE_VELOCITY, SIDES
@@ -208,12 +208,6 @@ def yarn_speed(motion: DrumSystem, t: float) -> float:
     return motion.theta_m_per_s + motion.acceleration_m_per_s2 * t
 
 
-@embedded_kernel
-def sense_law(omega: float) -> int:
-    """Return the regime of Coulomb friction at a speed."""
-    return LOW if omega > 0.0 else HIGH if omega < 0.0 else HOLD
-
-
 @laws.declares(laws.evaluate, DrumSystem)
 def evaluate_drum(motion: DrumSystem, t: float, y: Array, regimes: Indices, at: Equations) -> None:
     """Fill inertia, moment, and the bounds of the shaft's law: infinite with the yarn, which sets the acceleration."""
@@ -257,11 +251,6 @@ def signal_end(
         values[2 * LAWS], rates[2 * LAWS] = motion.left_m - yarn_run(motion, t), -yarn_speed(motion, t)
 
 
-@laws.declares(laws.begin_piece, DrumSystem)
-def begin_nothing(motion: DrumSystem, t: float, y: Array, regimes: Indices) -> None:
-    """Do nothing: no values are stored from piece to piece."""
-
-
 @laws.declares(laws.end_piece, DrumSystem)
 def follow_yarn(motion: DrumSystem, t: float, before: Array, y: Array, regimes: Indices) -> None:
     """Set the drum's speed (rad/s) from the speed of the yarn."""
@@ -285,7 +274,7 @@ def let_go(motion: DrumSystem, which: int, t: float, y: Array, regimes: Indices,
     """Release yarn and drive at the end of the package."""
     theta, last = yarn_speed(motion, t), motion.last
     omega = theta / tangent_arm(motion.package, last.radius_m, y[ANGLE])
-    y[SPEED], regimes[YARN_ON], regimes[SHAFT] = omega, 0, sense_law(omega)
+    y[SPEED], regimes[YARN_ON], regimes[SHAFT] = omega, 0, law_of(omega)
     log_drum(motion, t, END_KIND, PACKAGE_CONTACT, y[ANGLE], log, count)
     log[count, PRE_VELOCITY], log[count, EVENT_WIDTH + 1], log[count, EVENT_WIDTH + 4] = theta, omega, omega
     log[count, EVENT_WIDTH + 2] = drive_torque(motion.package, last, y[ANGLE], theta, motion.acceleration_m_per_s2)
@@ -301,12 +290,6 @@ def change_sense(
         return count
     log_drum(motion, t, STICK_KIND if regimes[SHAFT] == HOLD else RELEASE_KIND, DRUM_CONTACT, y[ANGLE], log, count)
     return count + 1
-
-
-@laws.declares(laws.note_impact, DrumSystem)
-def no_impact(motion: DrumSystem, t: float, before: Array, y: Array, at: Equations, log: Array, count: int) -> int:
-    """Log nothing: the drum has no impacts."""
-    return count
 
 
 @borrowing_kernel
