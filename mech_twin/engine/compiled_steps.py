@@ -183,8 +183,8 @@ def copy_rows(rows: Array, count: int, out: Array, row: int, column: int) -> Non
 
 
 @embedded_kernel
-def copy_numbers(numbers: Array, out: Array) -> None:
-    """Copy an array to another of its length."""
+def copy_numbers(numbers: Array | tuple[float, ...], out: Array) -> None:
+    """Copy an array, or a tuple, to an array of at least its length."""
     for i in range(len(numbers)):
         out[i] = numbers[i]
 

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mech_twin.engine.compiled_steps import Work, force_step, step_of
+from mech_twin.engine.compiled_steps import Work, copy_numbers, force_step, step_of
 from mech_twin.engine.crank_linkage import FORCE_RESIDUALS, route_miss
 from mech_twin.engine.crank_state import (
     Boundary,
@@ -340,10 +340,9 @@ def press_forces(
         vertical,
         -pins.o_x - pins.c_x,
         -pins.o_y - pins.c_y,
+        route_miss(pins.moment, torque, now.inertia, memory, model.moment_scale_nm),
     )  # fmt: skip
-    for i in range(len(numbers)):
-        out[i] = numbers[i]
-    out[len(numbers)] = route_miss(pins.moment, torque, now.inertia, memory, model.moment_scale_nm)
+    copy_numbers(numbers, out)
     return 0
 
 

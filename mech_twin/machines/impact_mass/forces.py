@@ -23,7 +23,7 @@ into one contact.  Source: Walton and Braun, J. Rheology 30 (1986) 949, the hyst
 import math
 from typing import Any, NamedTuple
 
-from mech_twin.engine.compiled_steps import Work, force_step, step_of
+from mech_twin.engine.compiled_steps import Work, copy_numbers, force_step, step_of
 from mech_twin.engine.sample_vectors import (
     KIND,
     LINKAGE_JOINTS,
@@ -184,8 +184,7 @@ def stop_reaction(
     for i in range(len(out)):
         out[i] = 0.0
     out[PINS] = -reaction if reaction != 0.0 else 0.0
-    for i in range(len(values)):
-        out[PINS + 3 + i] = values[i]
+    copy_numbers(values, out[PINS + 3 :])
     return 0
 
 

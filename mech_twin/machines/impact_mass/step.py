@@ -97,13 +97,6 @@ def motion_of(row: Array) -> MassMotion:
     return MassMotion(m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8])
 
 
-@borrowing_kernel
-def keep_motion(motion: MassMotion, row: Array) -> None:
-    """Write the motion into the memory of a linkage row."""
-    for i in range(len(motion)):
-        row[MEMORY_AT + i] = motion[i]
-
-
 class StoppedMass(NamedTuple):
     """Constants of the linkage role; ``system`` under no force."""
 
@@ -259,7 +252,7 @@ def anchor_at(model: StoppedMass, linkage: Array, step: int) -> None:
     """Rewrite the motion in a linkage row as starting at this step instead of at its last event; it stays the same."""
     memory = memory_of(linkage)
     before, steps = acted_before(model, memory), step - memory.origin_step_1
-    keep_motion(reanchored(motion_of(linkage), before, before, steps, model.step_s), linkage)
+    copy_numbers(reanchored(motion_of(linkage), before, before, steps, model.step_s), linkage[MEMORY_AT:])
 
 
 @step_of(work_room, StoppedMass, borrowing_kernel)
@@ -316,7 +309,7 @@ def mass_on_stop(
         add_stop(balance, a * duration, 0.0)
         memory.period_impulse_m_per_s += a * duration
     memory.step_impulse_m_per_s = balance.stop_impulse_m_per_s
-    keep_motion(motion, out)
+    copy_numbers(motion, out[MEMORY_AT:])
     memory.phase1_acceleration_m_per_s2, memory.phase2_acceleration_m_per_s2 = (
         system.acceleration1,
         system.acceleration2,

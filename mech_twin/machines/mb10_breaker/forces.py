@@ -9,7 +9,7 @@ Forces are in the frame of the machine; a moment that lifts the body is positive
 import math
 from typing import NamedTuple
 
-from mech_twin.engine.compiled_steps import Work, body_step, force_step, step_of
+from mech_twin.engine.compiled_steps import Work, body_step, copy_numbers, force_step, step_of
 from mech_twin.engine.sample_vectors import (
     BODY_JOINTS,
     BODY_MOMENT,
@@ -343,8 +343,7 @@ def breaker_forces(
         found.tool_force,
         collar,
     )  # fmt: skip
-    for i in range(len(numbers)):
-        out[PINS + i] = numbers[i]
+    copy_numbers(numbers, out[PINS:])
     scale = max(abs(found.drive), b.crank.inertia_kg_m2 * u * u, 1.0, largest_moment(b, found))
     out[FORCE_RESIDUALS_AT], out[FORCE_RESIDUALS_AT + 1] = abs(found.drive_error) / scale, abs(found.body_error) / scale
     out[FORCE_RESIDUALS_AT + 2] = miss / scale

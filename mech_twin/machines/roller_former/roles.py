@@ -390,8 +390,7 @@ def fill_forces(
     )
     carts = former.bank.offset_rad.size
     out[BODY_MOMENT], out[PINS + 2] = 0.0, transmitted
-    for i in range(QUANTITIES):
-        out[PINS + 3 + 12 * carts + i] = quantities[i]
+    copy_numbers(quantities, out[PINS + 3 + 12 * carts :])
     out[PINS + 3 + 13 * carts + QUANTITIES] = residual / scale
     return 0
 

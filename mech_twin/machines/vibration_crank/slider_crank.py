@@ -33,7 +33,7 @@ import math
 from typing import NamedTuple
 
 from mech_twin.declarations.quantity import Parameters, quantity
-from mech_twin.engine.compiled_steps import Work, force_step, step_of
+from mech_twin.engine.compiled_steps import Work, copy_numbers, force_step, step_of
 from mech_twin.engine.crank_linkage import route_miss
 from mech_twin.engine.crank_state import (
     mechanism_drive_moment,
@@ -338,10 +338,9 @@ def crank_forces(
         at.frame_x,
         at.frame_y,
         size,
+        route_miss(at.moment, torque, inertia, memory, model.moment_scale_nm),
     )  # fmt: skip
-    for i in range(len(numbers)):
-        out[i] = numbers[i]
-    out[len(numbers)] = route_miss(at.moment, torque, inertia, memory, model.moment_scale_nm)
+    copy_numbers(numbers, out)
     return 0
 
 

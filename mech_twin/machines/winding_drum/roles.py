@@ -12,7 +12,7 @@ import numpy as np
 
 from mech_twin.engine.addresses import record_at, record_of
 from mech_twin.engine.compiled_roles import CompiledLinkage
-from mech_twin.engine.compiled_steps import Work, force_step, linkage_step, step_of, work_room
+from mech_twin.engine.compiled_steps import Work, copy_numbers, force_step, linkage_step, step_of, work_room
 from mech_twin.engine.hybrid.laws import HOLD, law_of
 from mech_twin.engine.hybrid.loop import MOST_PIECES, MOST_STEPS, room_sizes
 from mech_twin.engine.sample_vectors import (
@@ -180,8 +180,7 @@ def drum_step(
     """Fill ``out`` with the drum one step later; the end of the package is located exactly within the step."""
     p, h, command, start = model.package, model.step_s, motor[MOTOR_COMMAND], model.start_radius_m
     y, regimes = work.numbers[:STATE_SIZE], work.marks[:2]
-    for i in range(len(out)):
-        out[i] = linkage[i]
+    copy_numbers(linkage, out)
     now, regime = named(out), int(linkage[REGIME])
     last, first, theta, a, left = wound_at(p, now.radius_m), wound_at(p, now.radius_m), 0.0, 0.0, inf
     regimes[SHAFT], regimes[YARN_ON] = law_of(now.drum_rad_per_s), 0
@@ -270,8 +269,7 @@ def drum_forces(
         torque * omega,
         difference,
     )
-    for i in range(len(numbers)):
-        out[i] = numbers[i]
+    copy_numbers(numbers, out)
     return 0
 
 
