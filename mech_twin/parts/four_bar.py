@@ -303,6 +303,17 @@ def reduced_inertia(
     return inertia, 2.0 * (half + third * by.g3 * by.g3_1)
 
 
+@kernel
+def weight_moments(bar: FourBar, crank: Link, coupler: Link, rocker: Link, at: Position) -> tuple[float, float]:
+    """Return the first moments of the links' masses about O (kg m)."""
+    x1, y1 = offset(crank, at.a_x, at.a_y, bar.crank_m)
+    x2, y2 = offset(coupler, at.u_x, at.u_y, bar.coupler_m)
+    x3, y3 = offset(rocker, at.v_x, at.v_y, bar.rocker_m)
+    x = crank.mass_kg * x1 + coupler.mass_kg * (at.a_x + x2) + rocker.mass_kg * (bar.pivot_x_m + x3)
+    y = crank.mass_kg * y1 + coupler.mass_kg * (at.a_y + y2) + rocker.mass_kg * (bar.pivot_y_m + y3)
+    return x, y
+
+
 def smallest_transmission_angle(bar: FourBar) -> float:
     """Return the smallest angle between the lines of coupler and rocker over a turn of the crank (rad, 0 to pi/2).
 

@@ -48,6 +48,7 @@ from mech_twin.parts.four_bar import (
     pin_forces,
     position,
     reduced_inertia,
+    weight_moments,
 )
 
 FREE, CONTACT, CONTACT_REVERSED, COMPACTED, COMPACTED_REVERSED = range(5)
@@ -203,11 +204,7 @@ def press_reduced(press: Press, f: float, regime: int) -> Reduced:
 def press_weights(press: Press, f: float) -> float:
     """Return the potential energy of the weights (J), the bearings at height 0 and h."""
     at = position(press.bar, f)
-    _, s1_y = offset(press.crank, at.a_x, at.a_y, press.bar.crank_m)
-    _, s2_y = offset(press.plate, at.u_x, at.u_y, press.bar.coupler_m)
-    _, s3_y = offset(press.pendulum, at.v_x, at.v_y, press.bar.rocker_m)
-    height = press.crank.mass_kg * s1_y + press.plate.mass_kg * (at.a_y + s2_y)
-    return press.gravity * (height + press.pendulum.mass_kg * (press.bar.pivot_y_m + s3_y))
+    return press.gravity * weight_moments(press.bar, press.crank, press.plate, press.pendulum, at)[1]
 
 
 @embedded_kernel

@@ -30,7 +30,16 @@ import numpy as np
 
 from mech_twin.engine.sample_vectors import Array
 from mech_twin.kernels.kernel import inline_kernel, kernel
-from mech_twin.parts.four_bar import Coefficients, FourBar, Link, Position, coefficients, offset, position
+from mech_twin.parts.four_bar import (
+    Coefficients,
+    FourBar,
+    Link,
+    Position,
+    coefficients,
+    offset,
+    position,
+    weight_moments,
+)
 from mech_twin.parts.friction_and_gear import gear_torque
 from mech_twin.parts.rod_waves.parameters import WaveGrid
 
@@ -156,24 +165,13 @@ def masses_at(b: Breaker, q: float, phi: float) -> Masses:
 
 
 @kernel
-def weight_moments(b: Breaker, at: Position) -> tuple[float, float]:
-    """Return the first moments of the links' masses about the crank's bearing (kg m), the body at angle 0."""
-    x1, y1 = offset(b.crank, at.a_x, at.a_y, b.bar.crank_m)
-    x2, y2 = offset(b.coupler, at.u_x, at.u_y, b.bar.coupler_m)
-    x3, y3 = offset(b.rocker, at.v_x, at.v_y, b.bar.rocker_m)
-    x = b.crank.mass_kg * x1 + b.coupler.mass_kg * (at.a_x + x2) + b.rocker.mass_kg * (b.bar.pivot_x_m + x3)
-    y = b.crank.mass_kg * y1 + b.coupler.mass_kg * (at.a_y + y2) + b.rocker.mass_kg * (b.bar.pivot_y_m + y3)
-    return x, y
-
-
-@kernel
 def energies(b: Breaker, q: float, u: float, phi: float, p: float) -> tuple[float, float, float]:
     """Return kinetic energy, potential energy of springs and weights (J), and the angular momentum M12 u + M22 p."""
     at = position(b.bar, q)
     m = masses(b, at, coefficients(at), phi)
     kinetic = 0.5 * m.m11 * u * u + m.m12 * u * p + 0.5 * m.m22 * p * p
     stretch = b.spring_arm_m * phi + b.preload_m
-    x, y = weight_moments(b, at)
+    x, y = weight_moments(b.bar, b.crank, b.coupler, b.rocker, at)
     height = y * math.cos(phi) - x * math.sin(phi)
     return kinetic, 0.5 * b.spring_rate_n_per_m * stretch * stretch + b.gravity_m_per_s2 * height, m.m12 * u + m.m22 * p
 

@@ -18,7 +18,7 @@ from mech_twin.machines.drives import MOST_STIFFNESS
 from mech_twin.machines.mb10_breaker.impacts import impact_direction
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import BodyParameters, ExcitationParameters, motion_refusal
 from mech_twin.machines.mb10_breaker.state import breaker
-from mech_twin.parts.four_bar import OPEN, FourBar, failing_inequality
+from mech_twin.parts.four_bar import OPEN, FourBar, failing_inequality, smallest_transmission_angle
 from mech_twin.parts.friction_and_gear import Friction, Gear
 from mech_twin.parts.induction_motor import InductionMotorParameters, SupplyParameters, motor_constants
 from mech_twin.parts.rod_waves.parameters import WaveTool, wave_grid
@@ -85,9 +85,7 @@ class LinkageParameters(Parameters):
         failing = failing_inequality(self.four_bar, crank_rocker=True)
         if failing:
             raise ValueError(failing)
-        sharpest = min(
-            transmission_deg(self, self.ground_m - self.crank_m), transmission_deg(self, self.ground_m + self.crank_m)
-        )
+        sharpest = math.degrees(smallest_transmission_angle(self.four_bar))
         if sharpest < LEAST_TRANSMISSION_DEG:
             raise ValueError(
                 f"the transmission angle between coupler_m and rocker_m falls to {sharpest:.3g} deg with ground_m "
@@ -129,12 +127,6 @@ def _angle_between(first_m: float, second_m: float, across_m: float) -> float:
     """Return the angle (rad) between two sides of a triangle from the length of the third."""
     cosine = (first_m**2 + second_m**2 - across_m**2) / (2.0 * first_m * second_m)
     return math.acos(min(max(cosine, -1.0), 1.0))
-
-
-def transmission_deg(link: LinkageParameters, across_m: float) -> float:
-    """Return the acute angle (deg) of coupler and rocker, the crank pin this far (m) from the rocker bearing."""
-    angle = math.degrees(_angle_between(link.coupler_m, link.rocker_m, across_m))
-    return min(angle, 180.0 - angle)
 
 
 def rocker_angle(link: LinkageParameters, reach_m: float) -> float:
