@@ -96,6 +96,18 @@ def _within(bound: float, digits: int, beyond: float) -> str:
     return shown
 
 
+def keep_at_most(key: str, value: float, most: float, why: str, unit: str = "", digits: int = 6) -> None:
+    """Raise for a value whose size is above a bound that follows from other numbers.
+
+    Raises
+    ------
+    ValueError
+        With key, bound, reason and value.
+    """
+    if abs(value) > most:
+        raise ValueError(f"{key} must be at most {upper(most, digits)}{unit}, {why}; got {value:g}")
+
+
 def choice(meaning: str, *, live: bool = False, **options: Any) -> Any:
     """Return the field declaration of a word of a ``Literal``, or of a group of parameters."""
     return Field(description=meaning, json_schema_extra={"live": live}, **options)

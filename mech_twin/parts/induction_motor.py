@@ -46,7 +46,7 @@ from typing import Literal, NamedTuple
 
 from pydantic import model_validator
 
-from mech_twin.declarations.quantity import Parameters, choice, quantity, upper
+from mech_twin.declarations.quantity import Parameters, choice, keep_at_most, quantity
 from mech_twin.kernels.kernel import embedded_kernel, kernel
 
 RPM = pi / 30.0
@@ -129,13 +129,9 @@ class InductionMotorParameters(Parameters):
                 f"and {self.synchronous_speed_rpm}"
             )
         constants = motor_constants(self)
-        run_up_s = self.rotor_inertia_kg_m2 * constants.synchronous_speed_rad_per_s**2 / self.rated_power_w
-        if run_up_s > LONGEST_RUN_UP_S:
-            raise ValueError(
-                f"rotor_inertia_kg_m2 must be at most {upper(self.rotor_inertia_kg_m2 * LONGEST_RUN_UP_S / run_up_s)}, "
-                f"which {self.rated_power_w:g} W bring to synchronous speed in {LONGEST_RUN_UP_S:g} s; "
-                f"got {self.rotor_inertia_kg_m2:g}"
-            )
+        most = LONGEST_RUN_UP_S * self.rated_power_w / constants.synchronous_speed_rad_per_s**2
+        why = f"which {self.rated_power_w:g} W bring to synchronous speed in {LONGEST_RUN_UP_S:g} s"
+        keep_at_most("rotor_inertia_kg_m2", self.rotor_inertia_kg_m2, most, why)
         if not LEAST_RATED_SLIP <= constants.rated_slip <= MOST_RATED_SLIP:
             raise ValueError(
                 f"rated slip {LEAST_RATED_SLIP:g} to {MOST_RATED_SLIP:g} needed, got {constants.rated_slip:.4g} of "

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from pydantic import model_validator
 
-from mech_twin.declarations.quantity import Parameters, choice, lower, quantity, upper
+from mech_twin.declarations.quantity import Parameters, choice, keep_at_most, lower, quantity
 from mech_twin.engine.sample_vectors import Array
 from mech_twin.machines.compaction_press.dynamics import (
     TURN,
@@ -136,22 +136,14 @@ class CompactionPress(DrivenCrank):
     def _check_reach(self) -> None:
         """Raise for a part far from the linkage, and for an inertia impossible for these masses and sizes."""
         reach = MOST_REACH * max(self.linkage.crank_m, self.linkage.coupler_m, self.linkage.pendulum_m)
+        why = f"{MOST_REACH:g} times the longest link"
         links = {"crank": self.links.crank, "plate": self.links.plate, "pendulum": self.links.pendulum}
         centroids = [f"links.{name}.centroid_{way}_m" for name in links for way in ("along", "across")]
         for key in ("working_force.application_from_a_m", "working_force.application_across_m", *centroids):
-            place = attrgetter(key)(self)
-            if abs(place) > reach:
-                raise ValueError(
-                    f"{key} must be at most {upper(reach)} m either way, {MOST_REACH:g} times the longest link; "
-                    f"got {place:g}"
-                )
+            keep_at_most(key, attrgetter(key)(self), reach, why, " m either way")
         most = max(LEAST_INERTIA, max(link.mass_kg for link in links.values()) * reach * reach)
         for name, link in links.items():
-            if link.inertia_kg_m2 > most:
-                raise ValueError(
-                    f"links.{name}.inertia_kg_m2 must be at most {upper(most)}, the largest mass at {MOST_REACH:g} "
-                    f"times the longest link; got {link.inertia_kg_m2:g}"
-                )
+            keep_at_most(f"links.{name}.inertia_kg_m2", link.inertia_kg_m2, most, f"the largest mass at {why}")
         crank = links["crank"]
         own = crank.mass_kg * (crank.centroid_along_m**2 + crank.centroid_across_m**2)
         if crank.inertia_kg_m2 < own:

@@ -12,7 +12,7 @@ from typing import Literal
 
 from pydantic import model_validator
 
-from mech_twin.declarations.quantity import Parameters, choice, lower, quantity, upper
+from mech_twin.declarations.quantity import Parameters, choice, keep_at_most, lower, quantity, upper
 from mech_twin.engine.coupling import Coupling, coupling_step
 from mech_twin.machines.drives import MOST_STIFFNESS
 from mech_twin.machines.mb10_breaker.impacts import impact_direction
@@ -38,18 +38,6 @@ MOST_MOVED = 100.0  # masses of coupler and rocker at the crank pin over the ine
 MOST_SWING_RAD = 500.0  # of the body on its spring in one coupling step
 HEAD_ANGLES = 180  # of the crank, at which the striker's least effective mass is looked for
 LARGEST_OVERTRAVEL = 0.5  # of the striker's stroke: the tool stands in its way in the first half of its way back
-
-
-def keep_at_most(key: str, value: float, most: float, why: str, unit: str = "", digits: int = 6) -> None:
-    """Raise for a value whose size is above a bound that follows from other numbers.
-
-    Raises
-    ------
-    ValueError
-        With key, bound, reason and value.
-    """
-    if abs(value) > most:
-        raise ValueError(f"{key} must be at most {upper(most, digits)}{unit}, {why}; got {value:g}")
 
 
 class LinkageParameters(Parameters):

@@ -19,7 +19,7 @@ from typing import Literal, NamedTuple
 
 from pydantic import model_validator
 
-from mech_twin.declarations.quantity import Parameters, choice, quantity, upper
+from mech_twin.declarations.quantity import Parameters, choice, keep_at_most, quantity, upper
 from mech_twin.parts.friction_and_gear import Friction
 
 STIFFEST = 1000.0  # k over the cycle frequency up to which the half sine's chain of events is followed
@@ -56,13 +56,10 @@ class BodyParameters(Parameters):
 
     @model_validator(mode="after")
     def _swings(self) -> BodyParameters:
-        if self.damping > MOST_DAMPING:
-            most = (MOST_DAMPING - self.damping_ratio) * self.friction.viscous_nms_per_rad
-            most /= self.damping - self.damping_ratio
-            raise ValueError(
-                f"friction.viscous_nms_per_rad must be at most {upper(most)}, so that with damping_ratio the body "
-                f"still swings (zeta at most {MOST_DAMPING:g}); got {self.friction.viscous_nms_per_rad:g}"
-            )
+        most = 2.0 * (MOST_DAMPING - self.damping_ratio) * self.spring_arm_m
+        most *= sqrt(self.spring_rate_n_per_m * self.inertia_kg_m2)
+        why = f"so that with damping_ratio the body still swings (zeta at most {MOST_DAMPING:g})"
+        keep_at_most("friction.viscous_nms_per_rad", self.friction.viscous_nms_per_rad, most, why)
         return self
 
 
