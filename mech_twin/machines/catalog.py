@@ -49,6 +49,19 @@ class Entry:
         return Capabilities() if declared is None else declared()
 
 
+def told_by(metrics: Any, published: Any, sizing: Any = None, **further: Any) -> Capabilities:
+    """Return what modules of a machine answer under the usual names, and further capabilities by theirs."""
+    from mech_twin.capabilities.sizing import SizingQuestion
+
+    names = ("features", "faults", "operating")
+    found = {name: getattr(metrics, name, None) for name in names}
+    found |= {"published": published.rows, "pictures": getattr(published, "pictures", None)}
+    if sizing is not None:
+        numbers = sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing, sizing.USUAL_TOLERANCE
+        found["sizing"] = SizingQuestion(*numbers)
+    return Capabilities(**{**found, **further})
+
+
 CATALOGUE = {
     entry.name: entry
     for entry in (

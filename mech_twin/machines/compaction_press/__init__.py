@@ -5,6 +5,7 @@ from functools import partial
 
 from mech_twin.engine.compiled_roles import StepForces
 from mech_twin.engine.crank_linkage import FORCE_LIMITS
+from mech_twin.machines.catalog import told_by
 from mech_twin.machines.compaction_press.cycle import POSITIONS, press_cycle
 from mech_twin.machines.compaction_press.drawing import drawing, mechanism
 from mech_twin.machines.compaction_press.dynamics import ACTS_ON, FORCES, JOINTS, LoadedPress, layer_regimes
@@ -44,22 +45,9 @@ def build(p: CompactionPress) -> Machine:
 def capabilities() -> Capabilities:
     """Return the capabilities of the machine besides running."""
     from mech_twin.capabilities.design import DesignQuestion
-    from mech_twin.capabilities.sizing import SizingQuestion
     from mech_twin.machines.compaction_press import design_search, metrics, published, sizing
     from mech_twin.machines.compaction_press.design_problem import SENSES
 
-    return Capabilities(
-        published=published.rows,
-        pictures=published.pictures,
-        sizing=SizingQuestion(sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing, sizing.USUAL_TOLERANCE),
-        design=DesignQuestion(
-            design_search.BOUNDS,
-            design_search.LIMITS,
-            SENSES._asdict(),
-            design_search.evaluated,
-            design_search.searched,
-        ),
-        features=metrics.features,
-        faults=metrics.faults,
-        operating=metrics.operating,
-    )
+    bounds, limits = design_search.BOUNDS, design_search.LIMITS
+    design = DesignQuestion(bounds, limits, SENSES._asdict(), design_search.evaluated, design_search.searched)
+    return told_by(metrics, published, sizing, design=design)

@@ -5,6 +5,7 @@ from functools import partial
 
 from mech_twin.capabilities.blow_gauge import blow_remarks
 from mech_twin.engine.compiled_roles import StepForces
+from mech_twin.machines.catalog import told_by
 from mech_twin.machines.impact_mass.drawing import mass_drawing, mechanism
 from mech_twin.machines.impact_mass.forces import Stop, force_layout
 from mech_twin.machines.impact_mass.metrics import cycle_metrics, position_metrics
@@ -60,16 +61,8 @@ def capabilities() -> Capabilities:
     from mech_twin.capabilities.long_run import RegimeQuestion, SynthesisQuestion
     from mech_twin.machines.impact_mass import long_run_answers, metrics, published
 
-    return Capabilities(
-        published=published.rows,
-        pictures=published.pictures,
-        synthesis=SynthesisQuestion(
-            long_run_answers.USUAL_ROBUSTNESS, long_run_answers.synthesis_answer, long_run_answers.cycle_lines
-        ),
-        regimes=RegimeQuestion(
-            long_run_answers.USUAL_KEY, long_run_answers.regime_answer, long_run_answers.regimes_read
-        ),
-        features=metrics.features,
-        faults=metrics.faults,
-        anchored_motion=metrics.ANCHORED_MOTION,
-    )
+    asked = long_run_answers
+    synthesis = SynthesisQuestion(asked.USUAL_ROBUSTNESS, asked.synthesis_answer, asked.cycle_lines)
+    regimes = RegimeQuestion(asked.USUAL_KEY, asked.regime_answer, asked.regimes_read)
+    motion = metrics.ANCHORED_MOTION
+    return told_by(metrics, published, synthesis=synthesis, regimes=regimes, anchored_motion=motion)

@@ -5,6 +5,7 @@ import math
 from functools import partial
 
 from mech_twin.capabilities.blow_gauge import blow_remarks
+from mech_twin.machines.catalog import told_by
 from mech_twin.machines.mb10_breaker.drawing import drawing, mechanism
 from mech_twin.machines.mb10_breaker.forces import LoadedBreaker
 from mech_twin.machines.mb10_breaker.half_sine_body import half_sine_body
@@ -50,15 +51,6 @@ def build(p: BreakerParameters) -> Machine:
 
 def capabilities() -> Capabilities:
     """Return the machine's capabilities beyond running."""
-    from mech_twin.capabilities.sizing import SizingQuestion
     from mech_twin.machines.mb10_breaker import metrics, plots, published, sizing
 
-    return Capabilities(
-        published=published.rows,
-        pictures=plots.pictures,
-        sizing=SizingQuestion(sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing, sizing.USUAL_TOLERANCE),
-        features=metrics.features,
-        faults=metrics.faults,
-        operating=metrics.operating,
-        works_taken=("wall_work_j",),
-    )
+    return told_by(metrics, published, sizing, pictures=plots.pictures, works_taken=("wall_work_j",))

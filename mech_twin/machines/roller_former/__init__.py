@@ -5,6 +5,7 @@ from functools import partial
 from math import radians
 
 from mech_twin.engine.compiled_roles import StepForces
+from mech_twin.machines.catalog import told_by
 from mech_twin.machines.drives import KlossMotor, kloss_motor_role
 from mech_twin.machines.roller_former.drawing import former_drawing, mechanism
 from mech_twin.machines.roller_former.metrics import FormerObserver, former_metrics, position_metrics
@@ -52,15 +53,6 @@ def build(p: RollerFormer) -> Machine:
 
 def capabilities() -> Capabilities:
     """Return the machine's capabilities beyond running."""
-    from mech_twin.capabilities.sizing import SizingQuestion
     from mech_twin.machines.roller_former import metrics, published, sizing
 
-    return Capabilities(
-        published=published.rows,
-        pictures=published.pictures,
-        sizing=SizingQuestion(sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing, sizing.USUAL_TOLERANCE),
-        features=metrics.features,
-        faults=metrics.faults,
-        operating=metrics.operating,
-        works_taken=("damping_work_j", "load_work_j", "friction_work_j"),
-    )
+    return told_by(metrics, published, sizing, works_taken=("damping_work_j", "load_work_j", "friction_work_j"))

@@ -6,6 +6,7 @@ from functools import partial
 from mech_twin.engine.compiled_roles import StepForces
 from mech_twin.engine.crank_linkage import FORCE_LIMITS, FORCE_RESIDUALS
 from mech_twin.engine.sample_vectors import ForceLayout
+from mech_twin.machines.catalog import told_by
 from mech_twin.machines.vibration_crank.drawing import drawing, mechanism
 from mech_twin.machines.vibration_crank.metrics import crank_run, cycle_metrics, position_metrics
 from mech_twin.machines.vibration_crank.parameters import VibrationCrank, slider_crank_constants
@@ -49,14 +50,6 @@ def build(p: VibrationCrank) -> Machine:
 
 def capabilities() -> Capabilities:
     """Return the capabilities of the machine besides running."""
-    from mech_twin.capabilities.sizing import SizingQuestion
     from mech_twin.machines.vibration_crank import metrics, published, sizing
 
-    return Capabilities(
-        published=published.rows,
-        pictures=published.pictures,
-        sizing=SizingQuestion(sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing, sizing.USUAL_TOLERANCE),
-        features=metrics.features,
-        faults=metrics.faults,
-        operating=metrics.operating,
-    )
+    return told_by(metrics, published, sizing)
