@@ -19,8 +19,8 @@ positive definite.
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
@@ -218,6 +218,12 @@ def four_bar_chain(
         turning(rocker, rocker, f"rocker_pin{tail}", (rocker_m, 0.0), ratio=-1.0),
     )
     return joints, Loop(f"{coupler}_end", f"rocker_pin{tail}")
+
+
+def four_bar_masses(names: tuple[str, str, str], links: Iterable[Any]) -> tuple[Inertia, ...]:
+    """Return the masses of crank, coupler and rocker: links of `parts.four_bar`, the crank's inertia about its pin."""
+    crank, coupler, rocker = ((link.mass_kg, (link.along_m, link.across_m), link.inertia_kg_m2) for link in links)
+    return inertia_about_origin(names[0], *crank), Inertia(names[1], *coupler), Inertia(names[2], *rocker)
 
 
 def urdf(name: str, mechanism: FrameTree) -> str:

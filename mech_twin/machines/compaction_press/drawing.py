@@ -17,8 +17,8 @@ from mech_twin.capabilities.figure import (
     measure,
     millimetres,
 )
-from mech_twin.capabilities.mechanism import Bar, FrameTree, Inertia, fixed, four_bar_chain, inertia_about_origin
-from mech_twin.machines.compaction_press.dynamics import Press, loaded_offset, press_reduced
+from mech_twin.capabilities.mechanism import Bar, FrameTree, fixed, four_bar_chain, four_bar_masses
+from mech_twin.machines.compaction_press.dynamics import JOINTS, Press, loaded_offset, press_reduced
 from mech_twin.parts.four_bar import position
 from mech_twin.samples import LinkageSample, Shape
 
@@ -72,7 +72,7 @@ def mechanism(press: Press) -> FrameTree:
     """Return crank, plate and pendulum; ``loaded_point`` is where the layer's force acts on the plate."""
     bar = press.bar
     lengths = (bar.crank_m, bar.coupler_m, bar.rocker_m)
-    joints, loop = four_bar_chain(("crank", "plate", "pendulum"), lengths, (bar.pivot_x_m, bar.pivot_y_m))
+    joints, loop = four_bar_chain(JOINTS, lengths, (bar.pivot_x_m, bar.pivot_y_m))
     return FrameTree(
         (*joints, fixed("plate", "loaded_point", (press.along_m, press.across_m))),
         (loop,),
@@ -81,12 +81,5 @@ def mechanism(press: Press) -> FrameTree:
             Bar("plate", (0.0, 0.0), (bar.coupler_m, 0.0), 0.025, (60, 90, 180)),
             Bar("pendulum", (0.0, 0.0), (bar.rocker_m, 0.0), 0.015, (90, 140, 60)),
         ),
-        inertias=tuple(
-            made(name, link.mass_kg, (link.along_m, link.across_m), link.inertia_kg_m2)
-            for made, name, link in (
-                (inertia_about_origin, "crank", press.crank),
-                (Inertia, "plate", press.plate),
-                (Inertia, "pendulum", press.pendulum),
-            )
-        ),
+        inertias=four_bar_masses(JOINTS, (press.crank, press.plate, press.pendulum)),
     )

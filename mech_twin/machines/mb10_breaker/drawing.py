@@ -28,10 +28,11 @@ from mech_twin.capabilities.mechanism import (
     Inertia,
     fixed,
     four_bar_chain,
-    inertia_about_origin,
+    four_bar_masses,
     turning,
 )
 from mech_twin.machines.mb10_breaker.dynamics import Breaker
+from mech_twin.machines.mb10_breaker.parameters import LINKS
 from mech_twin.machines.mb10_breaker.roles import PINS
 from mech_twin.parts.four_bar import position
 from mech_twin.samples import BodySample, LinkageSample, Shape
@@ -120,7 +121,7 @@ def mechanism(b: Breaker, striker_angle_deg: float) -> FrameTree:
     """
     bar, swing = b.bar, math.radians(striker_angle_deg)
     lengths, pivot = (bar.crank_m, bar.coupler_m, bar.rocker_m), (bar.pivot_x_m, bar.pivot_y_m)
-    joints, loop = four_bar_chain(("crank", "coupler", "rocker"), lengths, pivot, "body")
+    joints, loop = four_bar_chain(LINKS, lengths, pivot, "body")
     arm = b.striker_arm_m
     face = (bar.pivot_x_m + b.n_y * arm, -b.n_x * arm)
     tip = (arm * math.cos(swing), arm * math.sin(swing))
@@ -142,9 +143,7 @@ def mechanism(b: Breaker, striker_angle_deg: float) -> FrameTree:
             Bar("tool", (0.0, 0.0), (TOOL_LENGTH_M, 0.0), 0.020, (205, 133, 63)),
         ),
         inertias=(
-            inertia_about_origin("crank", b.crank.mass_kg, (b.crank.along_m, b.crank.across_m), b.crank.inertia_kg_m2),
-            Inertia("coupler", b.coupler.mass_kg, (b.coupler.along_m, b.coupler.across_m), b.coupler.inertia_kg_m2),
-            Inertia("rocker", b.rocker.mass_kg, (b.rocker.along_m, b.rocker.across_m), b.rocker.inertia_kg_m2),
+            *four_bar_masses(LINKS, (b.crank, b.coupler, b.rocker)),
             Inertia("tool", b.tool_mass_kg),
         ),
         mass_remarks=(f"body: {b.body_inertia_kg_m2:g} kg m2 about the crank axis, its mass is not known",),
