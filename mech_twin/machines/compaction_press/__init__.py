@@ -19,10 +19,8 @@ PARAMETERS = CompactionPress
 def build(p: CompactionPress) -> Machine:
     """Return the compaction press of these parameters."""
     press, stroke = press_constants(p)
-    size_m, layer = (
-        press.bar.coupler_m + press.bar.rocker_m,
-        layer_regimes(stroke, p.direction, p.working_force.gives_back),
-    )
+    size_m = press.bar.coupler_m + press.bar.rocker_m
+    layer = layer_regimes(stroke, p.direction, p.working_force.gives_back)
     motor, linkage = p.drive_roles(press, JOINTS, "plate", size_m, **layer)
     torque = press_cycle(press, stroke, p.drive.speed_rad_per_s, POSITIONS, kinks=False).drive_torque_nm
     return Machine(

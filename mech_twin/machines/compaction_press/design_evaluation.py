@@ -38,7 +38,7 @@ from mech_twin.machines.compaction_press.design_problem import (
     Problem,
     scaled_press,
 )
-from mech_twin.machines.compaction_press.dynamics import FREE, Press, StrokeLoad, loaded_height, press_reduced
+from mech_twin.machines.compaction_press.dynamics import FREE, Press, Stroke, StrokeLoad, loaded_height, press_reduced
 from mech_twin.machines.compaction_press.parameters import EQUAL, CompactionPress, press_constants
 from mech_twin.parts.four_bar import acute_angles, position
 
@@ -46,17 +46,6 @@ TURN = 2.0 * math.pi
 POSITIONS = 72  # of the crank, between two of which an extreme is sought
 ROOT_STEPS = 60
 FEW = 8  # designs that one thread evaluates: beside other work, waiting for further ones takes 8 ms
-
-
-class PressStroke(NamedTuple):
-    """Crank angles (rad) of the bottom and of first contact, angle between them (rad), and heights (m)."""
-
-    bottom: float
-    contact: float
-    way: float
-    top_y: float
-    contact_y: float
-    bottom_y: float
 
 
 @kernel
@@ -112,8 +101,8 @@ def _dead_centre(press: Press, y: Array, direction: float, sign: float, after: f
 
 
 @kernel
-def exact_stroke(press: Press, duty: Duty, top: float, bottom: float) -> PressStroke:
-    """Return the stroke with every angle and height exact, from the angles of its top and bottom (rad)."""
+def exact_stroke(press: Press, duty: Duty, top: float, bottom: float) -> tuple[Stroke, float]:
+    """Return the stroke as the crank turns, and the angle from contact to bottom, by those of top and bottom (rad)."""
     direction = 1.0 if duty.speed_rad_per_s >= 0.0 else -1.0
     top_y, _ = loaded_height(press, top)
     bottom_y, _ = loaded_height(press, bottom)
@@ -122,16 +111,16 @@ def exact_stroke(press: Press, duty: Duty, top: float, bottom: float) -> PressSt
         contact_y, _ = loaded_height(press, math.pi)
     down = direction * ((direction * (bottom - top)) % TURN)
     contact = path_root(press, top, top + down, contact_y, False) if contact_y < top_y else top
-    return PressStroke(bottom, contact, abs(top + down - contact), top_y, contact_y, bottom_y)
+    return Stroke(top, bottom, contact, contact, top_y, bottom_y, contact_y, 0.0), abs(top + down - contact)
 
 
 @kernel
-def mean_press_force(stroke: PressStroke, constant_torque_nm: float) -> float:
+def mean_press_force(stroke: Stroke, way: float, constant_torque_nm: float) -> float:
     """Return the mean force (N) over the contact travel at a constant drive torque: torque times angle over travel.
 
     The work on the layer at that mean force equals the work of the drive from first contact to the bottom.
     """
-    return constant_torque_nm * stroke.way / (stroke.contact_y - stroke.bottom_y)
+    return constant_torque_nm * way / (stroke.contact_y_m - stroke.bottom_y_m)
 
 
 class Samples(NamedTuple):
@@ -209,13 +198,13 @@ def sampled_design(lengths: Lengths, problem: Problem) -> tuple[Objectives, Marg
     at, gamma_max, beta_min = _sampled_press(press, direction)
     top, top_angle = _dead_centre(press, at.y, direction, -1.0, 0.0)
     bottom, bottom_angle = _dead_centre(press, at.y, direction, 1.0, top_angle)
-    stroke = exact_stroke(press, duty, top_angle, bottom_angle)
+    stroke, way = exact_stroke(press, duty, top_angle, bottom_angle)
     alpha, _, gamma = acute_angles(position(press.bar, direction * TURN * bottom / POSITIONS))
     height = at.y[top] - at.y[bottom]
     _load_samples(at, duty, top, bottom)
     peak, flywheel = _sampled_objectives(at, duty)
     return (
-        Objectives(peak, flywheel, mean_press_force(stroke, limits.constant_torque_nm)),
+        Objectives(peak, flywheel, mean_press_force(stroke, way, limits.constant_torque_nm)),
         Margins(
             limits.gamma_max_deg - math.degrees(gamma_max),
             height - limits.stroke_m,
@@ -229,7 +218,7 @@ def sampled_design(lengths: Lengths, problem: Problem) -> tuple[Objectives, Marg
 
 @kernel
 def continuous_press(
-    press: Press, lengths: Lengths, stroke: PressStroke, duty: Duty, limits: Limits
+    press: Press, lengths: Lengths, stroke: Stroke, way: float, duty: Duty, limits: Limits
 ) -> tuple[Objectives, Margins]:
     """Return objectives and margins of a loaded press on the continuous curve, its stroke given."""
     turn = one_turn(stroke.contact, stroke.bottom, duty.speed_rad_per_s, duty.non_uniformity)
@@ -240,11 +229,11 @@ def continuous_press(
         Objectives(
             max(abs(found.torque_max_nm + duty.drag_nm), abs(found.torque_min_nm + duty.drag_nm)),
             asked_flywheel(found, turn),
-            mean_press_force(stroke, limits.constant_torque_nm),
+            mean_press_force(stroke, way, limits.constant_torque_nm),
         ),
         Margins(
             limits.gamma_max_deg - math.degrees(found.gamma_max_rad),
-            stroke.top_y - stroke.bottom_y - limits.stroke_m,
+            stroke.top_y_m - stroke.bottom_y_m - limits.stroke_m,
             math.degrees(min(least, math.pi - most)) - limits.transmission_deg,
             limits.gamma_bottom_deg - math.degrees(gamma),
             math.degrees(alpha) - limits.alpha_bottom_deg,
@@ -264,10 +253,10 @@ def continuous_design(lengths: Lengths, problem: Problem) -> tuple[Objectives, M
         heights[k], _ = loaded_height(bare, direction * TURN * k / POSITIONS)
     _, top = _dead_centre(bare, heights, direction, -1.0, 0.0)
     _, bottom = _dead_centre(bare, heights, direction, 1.0, top)
-    stroke = exact_stroke(bare, duty, top, bottom)
-    load = StrokeLoad(duty.peak_n, stroke.contact_y, stroke.bottom_y, duty.exponent)
+    stroke, way = exact_stroke(bare, duty, top, bottom)
+    load = StrokeLoad(duty.peak_n, stroke.contact_y_m, stroke.bottom_y_m, duty.exponent)
     press = Press(bare.bar, bare.crank, bare.plate, bare.pendulum, bare.along_m, bare.across_m, load, bare.gravity)
-    return continuous_press(press, lengths, stroke, duty, problem.limits)
+    return continuous_press(press, lengths, stroke, way, duty, problem.limits)
 
 
 @kernel
@@ -365,6 +354,5 @@ def described(parameters: CompactionPress, lengths: Lengths, limits: Limits) -> 
     forward = duty.speed_rad_per_s >= 0.0
     contact = found.contact if forward else found.contact_reversed
     way = (found.bottom - contact if forward else contact - found.bottom) % TURN
-    stroke = PressStroke(found.bottom, contact, way, found.top_y_m, press.load.contact_y_m, press.load.bottom_y_m)
-    objectives, margins = continuous_press(press, lengths, stroke, duty, limits)
+    objectives, margins = continuous_press(press, lengths, found._replace(contact=contact), way, duty, limits)
     return Design(lengths._asdict(), objectives._asdict(), margins._asdict(), chosen)

@@ -358,38 +358,34 @@ JOINTS = ("crank", "plate", "pendulum")
 ACTS_ON = ("crank", "plate", "plate", "pendulum")
 
 
-def press_boundaries(stroke: Stroke, gives_back: bool = True) -> tuple[Boundary, ...]:
-    """Return the boundaries of contact with the layer: first contact, bottom, release, new contact.
+def layer_regimes(stroke: Stroke, direction: float, gives_back: bool = True) -> dict[str, Any]:
+    """Return what the layer makes of a crank linkage that starts at angle 0: regimes, boundaries along its turn.
 
-    A layer without spring-back is in contact again where the crank reversed, and is a new one after the top.
+    The boundaries are first contact, bottom, release, new contact.  A layer without spring-back is in contact again
+    where the crank reversed, and is a new one after the top.
     """
     first = "top" if stroke.contact == stroke.top else "contact"
-    pressed = (
+    boundaries = [
         Boundary(stroke.contact, 1.0, FREE, CONTACT, first),
         Boundary(stroke.bottom, 1.0, CONTACT, FREE, "bottom"),
         Boundary(stroke.contact_reversed, -1.0, FREE, CONTACT_REVERSED, first),
         Boundary(stroke.bottom, -1.0, CONTACT_REVERSED, FREE, "bottom"),
-    )
+    ]
     if gives_back:
-        return (
-            *pressed,
+        boundaries += [
             Boundary(stroke.contact, -1.0, CONTACT, FREE, "release"),
             Boundary(stroke.contact_reversed, 1.0, CONTACT_REVERSED, FREE, "release"),
-        )
-    return (
-        *pressed,
-        Boundary(nan, 1.0, COMPACTED, CONTACT, first),
-        Boundary(stroke.top, -1.0, COMPACTED, FREE, "top"),
-        Boundary(nan, -1.0, COMPACTED_REVERSED, CONTACT_REVERSED, first),
-        Boundary(stroke.top, 1.0, COMPACTED_REVERSED, FREE, "top"),
-    )
-
-
-def layer_regimes(stroke: Stroke, direction: float, gives_back: bool = True) -> dict[str, Any]:
-    """Return what the layer makes of a crank linkage that starts at angle 0: regimes, boundaries along its turn."""
+        ]
+    else:
+        boundaries += [
+            Boundary(nan, 1.0, COMPACTED, CONTACT, first),
+            Boundary(stroke.top, -1.0, COMPACTED, FREE, "top"),
+            Boundary(nan, -1.0, COMPACTED_REVERSED, CONTACT_REVERSED, first),
+            Boundary(stroke.top, 1.0, COMPACTED_REVERSED, FREE, "top"),
+        ]
     return {
         "regimes": REGIMES,
         "start_regime": regime_at(stroke, 0.0, direction),
-        "boundaries": press_boundaries(stroke, gives_back),
+        "boundaries": tuple(boundaries),
         "resisting": {} if gives_back else SET_LAYER,
     }
