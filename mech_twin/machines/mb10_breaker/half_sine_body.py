@@ -50,29 +50,14 @@ RESIDUALS = ("penetration_rad", "energy_balance")
 RESIDUAL_LIMITS: Mapping[str, float] = MappingProxyType({"penetration_rad": 1e-12, "energy_balance": 1e-9})
 
 
-class HalfSineMemory(NamedTuple):
-    """State of the body besides angle and rate: the current piece of motion.
-
-    ``origin_s`` is the time at which cycle 0 began; the times of the piece count from the start of its cycle.
-    ``blow_angle_rad`` is the angle at the last blow; ``constants_key`` marks the constants the piece was found with.
-    """
-
-    origin_s: float
-    cycle: float
-    piece_start_s: float
-    piece_angle_rad: float
-    piece_rate_rad_per_s: float
-    piece_regime: float
-    piece_loaded: float
-    series_rad_per_s: float
-    piece_end_s: float
-    piece_cause: float
-    blow_angle_rad: float
-    constants_key: float
-
-
-MEMORY = record_of(HalfSineMemory._fields)
-RESIDUALS_AT = MEMORY_AT + len(HalfSineMemory._fields)
+# state of the body besides angle and rate: when cycle 0 began; the current piece of motion, whose times count from the
+# start of its cycle; the angle at the last blow; a mark of the constants the piece was found with
+MEMORY_NAMES = (
+    "origin_s", "cycle", "piece_start_s", "piece_angle_rad", "piece_rate_rad_per_s", "piece_regime", "piece_loaded",
+    "series_rad_per_s", "piece_end_s", "piece_cause", "blow_angle_rad", "constants_key",
+)  # fmt: skip
+MEMORY = record_of(MEMORY_NAMES)
+RESIDUALS_AT = MEMORY_AT + len(MEMORY_NAMES)
 
 
 class HalfSine(NamedTuple):
@@ -162,7 +147,7 @@ class HalfSineBody(CompiledBody):
     joints = JOINTS
     regimes = REGIMES
     residual_limits = RESIDUAL_LIMITS
-    layout = BodyLayout(JOINTS, HalfSineMemory._fields, RESIDUALS, EventLayout(CAUSES, (CONTACT_NAME,)))
+    layout = BodyLayout(JOINTS, MEMORY_NAMES, RESIDUALS, EventLayout(CAUSES, (CONTACT_NAME,)))
     force_layout = None  # the forces only say which step it is
 
     def start(self, forces: ForceSample) -> BodySample:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections import namedtuple
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -24,44 +25,14 @@ GEAR_GRIP = 1e-12  # of the rated torque: least friction of a crank that its gea
 NO_WAVES = wave_grid(WaveTool(), 0.0)  # of a rigid tool: not looked at
 
 
-class EventKinds(NamedTuple):
-    """The number of each kind of event."""
-
-    blow: int
-    missed: int
-    touchdown: int
-    settled: int
-    lift_off: int
-    off_collar: int
-    catch_up: int
-    push_begins: int
-    pushing: int
-    released: int
-    stalled: int
-    crank_stopped: int
-    crank_started: int
-    crank_reversed: int
-    body_stopped: int
-    body_started: int
-    body_reversed: int
-    gear_stopped: int
-    gear_started: int
-    gear_reversed: int
-
-
-class Laws(NamedTuple):
-    """The place of each law in the regimes."""
-
-    collar: int
-    wall: int
-    tool: int
-    crank: int
-    pivot: int
-    gear: int
-
-
+EventKinds = namedtuple(
+    "EventKinds",
+    "blow missed touchdown settled lift_off off_collar catch_up push_begins pushing released stalled crank_stopped "
+    "crank_started crank_reversed body_stopped body_started body_reversed gear_stopped gear_started gear_reversed",
+)
+Laws = namedtuple("Laws", "collar wall tool crank pivot gear")
 KINDS = EventKinds._fields
-EVENT, LAW = EventKinds(*range(len(KINDS))), Laws(*range(len(Laws._fields)))
+EVENT, LAW = EventKinds(*range(len(KINDS))), Laws(*range(len(Laws._fields)))  # their numbers, places in the regimes
 # coordinates and velocities of the motion, and its quadratures
 CRANK, BODY, TOOL, CRANK_RATE, BODY_RATE, TOOL_RATE = range(6)
 DRIVE_WORK, DAMPING_LOSS, ANGULAR_IMPULSE, WALL_WORK = range(6, 10)
