@@ -35,7 +35,7 @@ from mech_twin.machines.mb10_breaker.roles import PINS
 from mech_twin.machines.mb10_breaker.state import EventSide
 from mech_twin.parts.friction_and_gear import passed_on
 from mech_twin.parts.induction_motor import motor_constants, motor_in_step, supplied_motor
-from mech_twin.samples import Coordinate, Event, ForceSample, Frame, LinkageSample
+from mech_twin.samples import Coordinate, Event, ForceSample, Frame
 
 COUNTED_ABOVE_M_PER_S = 1e-3  # slower returns to the collar are the tail of a chatter series and not counted
 OF_BODY = ("largest_lift_at_tool_m", "largest_spring_force_n")
@@ -237,8 +237,6 @@ class BreakerObserver:
         self._state: MotorState | None = None
         self._in_step, self._began_s = supplied_motor(self._motor, 0.0), 0.0
         self._seen_blow = self._seen_body_blow = False
-        self._joints: tuple[str, ...] | None = None
-        self._crank_and_body = (0, 0)
 
     def use(self, parameters: BreakerParameters, breaker: Breaker) -> None:
         """Take the frames that follow as those of this breaker."""
@@ -253,13 +251,13 @@ class BreakerObserver:
         own = () if frame.body is None else frame.body.events
         happened = (*frame.linkage.events, *own)
         events = sorted(happened, key=lambda event: event.time_s) if happened else happened
-        crank, body = (frame.linkage.velocity[place] for place in self._places(frame.linkage))
-        state = self._motor_state(crank, body, frame.linkage.time_s)
-        missed = self._missed_work(frame, state)
+        crank, body = frame.linkage.joint("crank"), frame.linkage.joint("body")
+        state = self._motor_state(crank.velocity, body.velocity, frame.linkage.time_s)
+        missed = self._missed_work(frame, state, crank.effort)
         for event in events:
             self._run_motor_to(event, missed)
             self._take_event(event, frame)
-        self._take_step(frame, state, missed)
+        self._take_step(frame, crank, body, state, missed)
         worst = self._worst
         for sample in (frame.linkage, frame.forces, frame.body):
             if sample is not None:
@@ -291,22 +289,14 @@ class BreakerObserver:
         speed = self._rotor_speed(crank_speed, body_speed)
         return in_step_state(self._in_step, min(time_s - self._began_s, self._step_s), speed)
 
-    def _places(self, linkage: LinkageSample) -> tuple[int, int]:
-        """Return the indices of crank and body among the joints."""
-        if linkage.joints is not self._joints:
-            self._joints = linkage.joints
-            self._crank_and_body = linkage.joints.index("crank"), linkage.joints.index("body")
-        return self._crank_and_body
-
-    def _missed_work(self, frame: Frame, state: MotorState) -> float:
+    def _missed_work(self, frame: Frame, state: MotorState, crank_nm: float) -> float:
         """Return the motor's mean power from the energy balance less that from linear interpolation of a step (W)."""
         memory, span = frame.linkage.memory, frame.linkage.time_s - self._time_s
         work = memory.values[memory.names.index("drive_work_j")]
         done, self._work_j = work - self._work_j, work
         if self._state is None or span <= 0.0:
             return 0.0
-        geared = self._b.ratio * state.torque_nm, frame.linkage.effort[self._crank_and_body[0]]
-        eta = self._efficiency = passed_on(*geared, self._efficiency)
+        eta = self._efficiency = passed_on(self._b.ratio * state.torque_nm, crank_nm, self._efficiency)
         last, time_s = self._state, self._time_s
         sides = [
             (event.time_s, self._across(event.pre, event.time_s), self._across(event.post, event.time_s))
@@ -388,21 +378,19 @@ class BreakerObserver:
         self._seen_body_blow = True
         self._body = self._body.next(event)
 
-    def _take_step(self, frame: Frame, state: MotorState, missed_w: float) -> None:
+    def _take_step(self, frame: Frame, crank: Coordinate, body: Coordinate, state: MotorState, missed_w: float) -> None:
         b = self._b
         if self._state is not None:
             span = frame.linkage.time_s - self._time_s
             self._cycle.duty = duty_after(self._cycle.duty, self._state, state, span, missed_w * span)
         linkage, motor = frame.linkage, frame.motor
-        crank, body = self._places(linkage)
-        speeds = linkage.velocity
-        rotor = self._rotor_speed(speeds[crank], speeds[body])
+        rotor = self._rotor_speed(crank.velocity, body.velocity)
         begun = motor_in_step(self._motor, linkage.command, rotor, motor.effort[0], motor.command, self._step_s)
         self._in_step, self._state = begun, in_step_state(begun, 0.0, rotor)
         self._time_s = self._began_s = linkage.time_s
-        self._cycle.take_speed(speeds[crank] - speeds[body])
+        self._cycle.take_speed(crank.velocity - body.velocity)
         self._cycle.take_forces(frame.forces)
-        phi = frame.linkage.position[body] if frame.body is None else frame.body.joint("body").position
+        phi = body.position if frame.body is None else frame.body.joint("body").position
         force = 0.0 if frame.body is None else frame.body.pressing_force_n  # by rate and preload of this step
         found = dict(zip(OF_BODY, (b.tool_radius_m * phi, force), strict=True))
         keep_largest(self._body.largest, found)
