@@ -18,6 +18,7 @@ from numba import prange
 
 from mech_twin.capabilities.design import Design, Evaluation
 from mech_twin.capabilities.variation import varied
+from mech_twin.engine.sample_vectors import Array
 from mech_twin.kernels.kernel import kernel, parallel_kernel
 from mech_twin.machines.compaction_press.cycle import (
     asked_flywheel,
@@ -29,7 +30,6 @@ from mech_twin.machines.compaction_press.design_problem import (
     CONSTRAINTS,
     OBJECTIVES,
     PROBLEM,
-    Array,
     Duty,
     Lengths,
     Limits,

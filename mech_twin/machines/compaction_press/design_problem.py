@@ -14,13 +14,10 @@ import math
 from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.compaction_press.dynamics import Press, StrokeLoad
 from mech_twin.parts.four_bar import FourBar, Link
-
-Array = NDArray[np.float64]
 
 
 class Lengths(NamedTuple):

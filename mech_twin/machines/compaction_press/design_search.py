@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.stats import qmc
 
-from mech_twin.capabilities.design import Design, DesignSpace, Evaluation
+from mech_twin.capabilities.design import Array, Design, DesignSpace, Evaluation
 from mech_twin.capabilities.progress import tell
 from mech_twin.errors import StudyError
 from mech_twin.machines.compaction_press.design_evaluation import described, design_problem, evaluation
@@ -28,7 +28,6 @@ from mech_twin.machines.compaction_press.design_problem import (
 )
 from mech_twin.machines.compaction_press.parameters import CompactionPress
 
-Array = NDArray[np.float64]
 LOWER, UPPER = Lengths(0.02, 0.3, 0.1, 0.1), Lengths(0.12, 0.8, 0.5, 0.6)
 BOUNDS: dict[str, tuple[float, float]] = dict(zip(Lengths._fields, zip(LOWER, UPPER, strict=True), strict=True))
 LIMITS: dict[str, float] = Limits()._asdict()

@@ -9,11 +9,11 @@ from math import nan, pi
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mech_twin.capabilities.published import CHANGED, DIFFERS, REPRODUCED, Literature, PublishedRow
 from mech_twin.capabilities.variation import varied
 from mech_twin.engine.run import frames
+from mech_twin.engine.sample_vectors import Array
 from mech_twin.machines.mb10_breaker import build
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 from mech_twin.machines.mb10_breaker.pressed_body.free_swing import growth_per_cycle, resonance_rate
@@ -207,7 +207,6 @@ def _preload_trade_off(parameters: BreakerParameters) -> Iterator[PublishedRow]:
         )
 
 
-Array = NDArray[np.float64]
 SETTLED_S = 5.0
 
 

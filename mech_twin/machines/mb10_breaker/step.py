@@ -4,9 +4,6 @@
 import math
 from typing import Any, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from mech_twin.engine.addresses import record_at
 from mech_twin.engine.compiled_steps import LOG_FULL, Work, copy_numbers, linkage_step, step_of, work_room
 from mech_twin.engine.hybrid.declared import declared
@@ -20,6 +17,7 @@ from mech_twin.engine.sample_vectors import (
     MOTOR_COMMAND,
     MOTOR_JOINTS,
     REGIME,
+    Array,
 )
 from mech_twin.kernels.kernel import borrowing_kernel, kernel
 from mech_twin.machines.mb10_breaker.dynamics import (
@@ -50,7 +48,6 @@ from mech_twin.machines.mb10_breaker.state import (
 from mech_twin.parts.four_bar import closure_error, coefficients, link_angles, position
 from mech_twin.parts.induction_motor import MotorConstants, motor_in_step
 
-Array = NDArray[np.float64]
 ERROR = 1e-13  # of a step, over the size of what it integrates
 LEAST_RATE_RAD_PER_S = 1e-4  # momentum is balanced over that of parts so fast: 1e-9 of it is what a step may miss
 FAILURES = (

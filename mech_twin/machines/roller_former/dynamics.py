@@ -19,16 +19,14 @@ from math import cos, sin
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mech_twin.engine.addresses import record_at, record_of
+from mech_twin.engine.sample_vectors import Array
 from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel
 from mech_twin.machines.roller_former.cart_parameters import RESIST, REVERSING, CartBank
 from mech_twin.machines.roller_former.cart_statics import shaft_terms
 from mech_twin.parts.friction_and_gear import gear_torque
 from mech_twin.parts.induction_motor import MotorConstants, MotorInStep, torque_in_step
-
-Array = NDArray[np.float64]
 
 
 class FormerState(NamedTuple):

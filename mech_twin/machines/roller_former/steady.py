@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mech_twin.engine.hybrid.loop import ENDED, UNSTEADY
-from mech_twin.engine.sample_vectors import EVENT_WIDTH
+from mech_twin.engine.sample_vectors import EVENT_WIDTH, Array
 from mech_twin.errors import MotionError
 from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.roller_former.dynamics import (
@@ -19,7 +19,6 @@ from mech_twin.machines.roller_former.dynamics import (
     LOADED,
     SPEED,
     TWIST_RATE,
-    Array,
     Former,
     FormerState,
     Modes,

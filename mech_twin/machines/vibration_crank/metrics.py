@@ -6,9 +6,8 @@ from math import pi
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mech_twin.capabilities.cycle import CycleFeatures, CycleReference, crank_features, harmonic, mean, swing
+from mech_twin.capabilities.cycle import Array, CycleFeatures, CycleReference, crank_features, harmonic, mean, swing
 from mech_twin.capabilities.faults import (
     EITHER,
     MachineFault,
@@ -37,7 +36,6 @@ from mech_twin.samples import Frame
 
 CRANK, TORQUE, SLIDER = "linkage.crank.position", "linkage.crank.effort", "linkage.slider.position"
 COLUMN_X, COLUMN_Y = "forces.shaking_force_x_n", "forces.shaking_force_y_n"
-Array = NDArray[np.float64]
 GRID = 3600
 HARMONICS = 256
 FRAME_X, FRAME_Y, DRIVE_MOMENT = 0, 1, 2  # rows of a table of forces on the frame
