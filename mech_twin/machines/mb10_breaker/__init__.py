@@ -5,13 +5,21 @@ import math
 from functools import partial
 
 from mech_twin.capabilities.blow_gauge import blow_remarks
+from mech_twin.engine.compiled_roles import StepForces
 from mech_twin.machines.catalog import told_by
 from mech_twin.machines.mb10_breaker.drawing import drawing, mechanism
 from mech_twin.machines.mb10_breaker.forces import LoadedBreaker
 from mech_twin.machines.mb10_breaker.half_sine_body import half_sine_body
 from mech_twin.machines.mb10_breaker.metrics import position_metrics, static_metrics, tool_gauge
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
-from mech_twin.machines.mb10_breaker.roles import BreakerLinkage, DrivenBody, breaker_forces_role, breaker_motor
+from mech_twin.machines.mb10_breaker.roles import (
+    ACTS_ON,
+    FORCE_RESIDUALS,
+    FORCES,
+    BreakerLinkage,
+    DrivenBody,
+    breaker_motor,
+)
 from mech_twin.machines.mb10_breaker.run_metrics import BreakerObserver, blow_energy
 from mech_twin.machines.mb10_breaker.state import breaker
 from mech_twin.machines.mb10_breaker.step import LedBreaker
@@ -25,7 +33,8 @@ PARAMETERS = BreakerParameters
 def build(p: BreakerParameters) -> Machine:
     """Return the breaker of these parameters."""
     constants, curve, step_s = breaker(p), motor_constants(p.motor), p.coupling.step_s
-    body: BodyRole = DrivenBody(LoadedBreaker(constants), step_s)
+    loaded = LoadedBreaker(constants)
+    body: BodyRole = DrivenBody(loaded, step_s)
     if constants.held:
         body = half_sine_body(p.body, p.excitation, step_s)
     start_rad, start_command = math.radians(p.linkage.initial_crank_deg), p.supply.initial_fraction
@@ -35,7 +44,7 @@ def build(p: BreakerParameters) -> Machine:
         coupling_step_s=step_s,
         motor=breaker_motor(constants, curve, p.supply.rate_per_s, step_s),
         linkage=BreakerLinkage(LedBreaker(constants, curve, step_s), step_s, start_rad, start_command),
-        forces=breaker_forces_role(constants),
+        forces=StepForces(loaded, FORCES, ACTS_ON, dict.fromkeys(FORCE_RESIDUALS, 1e-10)),
         body=body,
         draw=drawing(constants, p.linkage.striker_angle_deg),
         report=lambda: static_metrics(p, constants),

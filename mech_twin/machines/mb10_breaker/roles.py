@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mech_twin.engine.compiled_roles import CompiledBody, CompiledLinkage, EffortStepMotor, StepForces
+from mech_twin.engine.compiled_roles import CompiledBody, CompiledLinkage, EffortStepMotor
 from mech_twin.engine.compiled_steps import motor_step, step_of
 from mech_twin.engine.sample_vectors import COMMAND, Array, BodyLayout, EventLayout, ForceLayout, LinkageLayout, row_of
 from mech_twin.machines.drives import KlossMotor, fill_motor, kloss_motor_role
@@ -99,6 +99,7 @@ class BreakerLinkage(CompiledLinkage):
 
 
 PINS = ("crank_bearing", "crank_pin", "rocker_pin", "rocker_bearing")
+ACTS_ON = ("crank", "coupler", "coupler", "rocker")
 FORCES = ForceLayout(PINS, QUANTITIES, FORCE_RESIDUALS, EVENTS, reads_events=True)
 
 
@@ -124,12 +125,6 @@ def breaker_motor(breaker: Breaker, motor: MotorConstants, rate_per_s: float, st
     """Return the motor, on the frame or on the body, whose gear turns the crank."""
     drive = kloss_motor_role(KlossMotor(motor, breaker.ratio, rate_per_s, step_s))
     return replace(drive, model=GearedMotor(drive.model, breaker.frame_drive))
-
-
-def breaker_forces_role(breaker: Breaker) -> StepForces:
-    """Return every pin, the moment on the body and its impulses, from the joint states alone."""
-    acts_on, limits = ("crank", "coupler", "coupler", "rocker"), dict.fromkeys(FORCE_RESIDUALS, 1e-10)
-    return StepForces(LoadedBreaker(breaker), FORCES, acts_on, limits)
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,6 @@ from mech_twin.machines.roller_former.roles import (
     FormerLinkage,
     force_layout,
     force_limits,
-    joint_names,
     loaded_bodies,
 )
 from mech_twin.roles import Capabilities, Machine
@@ -33,7 +32,6 @@ def build(p: RollerFormer) -> Machine:
         radians(p.start.crank_deg),
         p.start.speed_fraction * p.synchronous_crank_speed_rad_per_s,
         p.supply.initial_fraction,
-        joint_names(count),
     )
     return Machine(
         "roller_former",

@@ -4,7 +4,7 @@
 from math import cos, sin
 
 from mech_twin.capabilities.figure import GROUND, MATERIAL, STEEL, Point, bearing, box, circle, hatched, label
-from mech_twin.capabilities.mechanism import ROOT, Bar, FrameTree, Inertia, Joint, Loop, fixed, sliding, turning
+from mech_twin.capabilities.mechanism import ROOT, Bar, FrameTree, Inertia, Loop, fixed, sliding, turning
 from mech_twin.machines.roller_former.dynamics import Former
 from mech_twin.samples import LinkageSample, Shape
 
@@ -80,54 +80,40 @@ def _cart_shapes(former: Former, index: int, psi: float, x: float) -> list[Shape
 
 
 def mechanism(former: Former) -> FrameTree:
-    """Return the frames; each cart's chain is opened at its pin."""
-    offsets = former.bank.offset_rad.tolist()
-    carts = [_cart(former, number, offset) for number, offset in enumerate(offsets, 1)]
+    """Return the frames; each cart's chain is opened at its pin.
+
+    A rod's angle is counted clockwise from +x, from its pin to the cart.  Its mass is as the machine counts it: half of
+    it at either end.
+    """
+    bank, bars, masses = former.bank, list[Bar](), list[Inertia]()
+    joints = [fixed(ROOT, "shaft"), turning("drive", "shaft", "drive"), turning("crank", "shaft", "crank")]
+    carts = range(1, bank.offset_rad.size + 1)
+    for i, offset in zip(carts, bank.offset_rad.tolist(), strict=True):
+        pin, colour = (bank.crank_m * cos(offset), bank.crank_m * sin(offset)), COLOURS[(i - 1) % len(COLOURS)]
+        joints += [
+            turning("crank", "crank", f"crank_pin_{i}", pin, ratio=-1.0),
+            turning(f"rod_{i}", f"crank_pin_{i}", f"rod_{i}", ratio=-1.0),
+            fixed(f"rod_{i}", f"rod_end_{i}", (bank.rod_m, 0.0)),
+            sliding(f"cart_{i}", ROOT, f"cart_{i}", (1.0, 0.0), bank.crank_m + bank.rod_m),
+            fixed(f"cart_{i}", f"cart_pin_{i}"),
+            fixed(f"cart_{i}", f"guide_front_{i}", (bank.p_m - bank.b_m, 0.0)),
+            fixed(f"cart_{i}", f"guide_rear_{i}", (bank.p_m + bank.b_m, 0.0)),
+        ]
+        bars += [
+            Bar("crank", (0.0, 0.0), pin, 0.012, colour),
+            Bar(f"rod_{i}", (0.0, 0.0), (bank.rod_m, 0.0), 0.008, colour),
+            Bar(f"cart_{i}", (0.0, 0.0), (bank.p_m + bank.b_m + 0.05, 0.0), 1.6 * BODY_HALF_HEIGHT_M, colour),
+        ]
+        half, pin_mass = float(bank.rod_half_kg[i - 1]), float(bank.mass_kg[i - 1])
+        rod = Inertia(f"rod_{i}", 2.0 * half, (0.5 * bank.rod_m, 0.0), 0.5 * half * bank.rod_m**2)
+        masses += [Inertia(f"cart_{i}", pin_mass - half), rod]
     return FrameTree(
-        (
-            fixed(ROOT, "shaft"),
-            turning("drive", "shaft", "drive"),
-            turning("crank", "shaft", "crank"),
-            *(joint for joints in carts for joint in joints),
-        ),
-        tuple(Loop(f"rod_end_{number}", f"cart_pin_{number}") for number in range(1, len(offsets) + 1)),
-        tuple(bar for number, offset in enumerate(offsets, 1) for bar in _bars(former, number, offset)),
-        inertias=tuple(mass for number in range(1, len(offsets) + 1) for mass in _masses(former, number)),
+        tuple(joints),
+        tuple(Loop(f"rod_end_{i}", f"cart_pin_{i}") for i in carts),
+        tuple(bars),
+        inertias=tuple(masses),
         mass_remarks=(
             f"drive: {former.motor_inertia_kg_m2:g} kg m2 at the crank, its mass is not known",
-            f"crank: {len(offsets)} times {former.bank.crank_inertia_kg_m2:g} kg m2 about the shaft, no mass known",
+            f"crank: {len(carts)} times {bank.crank_inertia_kg_m2:g} kg m2 about the shaft, no mass known",
         ),
-    )
-
-
-def _masses(former: Former, number: int) -> tuple[Inertia, ...]:
-    """Return a cart, and its rod as the machine counts it: half of its mass at either end."""
-    bank = former.bank
-    half, pin_mass = float(bank.rod_half_kg[number - 1]), float(bank.mass_kg[number - 1])
-    rod = Inertia(f"rod_{number}", 2.0 * half, (0.5 * bank.rod_m, 0.0), 0.5 * half * bank.rod_m**2)
-    return (Inertia(f"cart_{number}", pin_mass - half), rod)
-
-
-def _cart(former: Former, number: int, offset_rad: float) -> tuple[Joint, ...]:
-    bank = former.bank
-    pin = (bank.crank_m * cos(offset_rad), bank.crank_m * sin(offset_rad))
-    # the rod's angle is counted clockwise from +x, from its pin to the cart
-    return (
-        turning("crank", "crank", f"crank_pin_{number}", pin, ratio=-1.0),
-        turning(f"rod_{number}", f"crank_pin_{number}", f"rod_{number}", ratio=-1.0),
-        fixed(f"rod_{number}", f"rod_end_{number}", (bank.rod_m, 0.0)),
-        sliding(f"cart_{number}", ROOT, f"cart_{number}", (1.0, 0.0), bank.crank_m + bank.rod_m),
-        fixed(f"cart_{number}", f"cart_pin_{number}"),
-        fixed(f"cart_{number}", f"guide_front_{number}", (bank.p_m - bank.b_m, 0.0)),
-        fixed(f"cart_{number}", f"guide_rear_{number}", (bank.p_m + bank.b_m, 0.0)),
-    )
-
-
-def _bars(former: Former, number: int, offset_rad: float) -> tuple[Bar, ...]:
-    bank, colour = former.bank, COLOURS[(number - 1) % len(COLOURS)]
-    pin = (bank.crank_m * cos(offset_rad), bank.crank_m * sin(offset_rad))
-    return (
-        Bar("crank", (0.0, 0.0), pin, 0.012, colour),
-        Bar(f"rod_{number}", (0.0, 0.0), (bank.rod_m, 0.0), 0.008, colour),
-        Bar(f"cart_{number}", (0.0, 0.0), (bank.p_m + bank.b_m + 0.05, 0.0), 1.6 * BODY_HALF_HEIGHT_M, colour),
     )

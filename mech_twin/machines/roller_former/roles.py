@@ -274,12 +274,6 @@ class FormerQuantities(NamedTuple):
 QUANTITIES = len(FormerQuantities._fields)
 
 
-def pin_names(count: int) -> tuple[str, ...]:
-    """Return the pins: shaft, then crank pin, cart pin, front and rear guide rollers of each cart."""
-    kinds = ("crank_pin", "cart_pin", "guide_front", "guide_rear")
-    return ("shaft", *(f"{kind}_{i}" for i in range(1, count + 1) for kind in kinds))
-
-
 def loaded_bodies(count: int) -> tuple[str, ...]:
     """Return on which body each pin's force acts."""
     return ("shaft", *(body for i in range(1, count + 1) for body in (f"crank_{i}", *(f"cart_{i}",) * 3)))
@@ -396,9 +390,10 @@ def fill_forces(
 
 
 def force_layout(count: int) -> ForceLayout:
-    """Return the row of the force analysis of so many carts."""
-    rods = tuple(f"rod_force_{i}_n" for i in range(1, count + 1))
-    return ForceLayout(pin_names(count), (*FormerQuantities._fields, *rods), ("drive_torque_routes",))
+    """Return the row of the force analysis of so many carts: shaft, then the pins and guide rollers of each cart."""
+    kinds, carts = ("crank_pin", "cart_pin", "guide_front", "guide_rear"), range(1, count + 1)
+    pins, rods = (f"{kind}_{i}" for i in carts for kind in kinds), tuple(f"rod_force_{i}_n" for i in carts)
+    return ForceLayout(("shaft", *pins), (*FormerQuantities._fields, *rods), ("drive_torque_routes",))
 
 
 def force_limits(bank: CartBank) -> dict[str, float]:
@@ -410,12 +405,6 @@ def force_limits(bank: CartBank) -> dict[str, float]:
     return {"drive_torque_routes": max(1e-10, MOST_MISSED * bank.ratio**3 if bank.expanded else 0.0)}
 
 
-def joint_names(count: int) -> tuple[str, ...]:
-    """Return the joints: motor side at the crank, crank, twist between them, then cart and rod of each crank."""
-    carts = tuple(name for i in range(1, count + 1) for name in (f"cart_{i}", f"rod_{i}"))
-    return ("drive", "crank", "twist", *carts)
-
-
 @dataclass(frozen=True)
 class FormerLinkage(CompiledLinkage):
     """Both inertias, the elastic drive and all carts; it holds all mechanical state."""
@@ -425,10 +414,15 @@ class FormerLinkage(CompiledLinkage):
     start_crank_rad: float
     start_speed_rad_per_s: float
     start_command: float
-    joints: tuple[str, ...]
     coordinates = ("crank", "twist")
     regimes = REGIMES
     failures = FAILURES
+
+    @cached_property
+    def joints(self) -> tuple[str, ...]:
+        """Joints: motor side at the crank, crank, twist between them, then cart and rod of each crank."""
+        carts = range(1, self.model.former.bank.offset_rad.size + 1)
+        return ("drive", "crank", "twist", *(f"{part}_{i}" for i in carts for part in ("cart", "rod")))
 
     @property
     def residual_limits(self) -> dict[str, float]:

@@ -9,7 +9,7 @@ from mech_twin.machines.drives import SpeedDrive
 from mech_twin.machines.winding_drum.drawing import mechanism, package_drawing
 from mech_twin.machines.winding_drum.metrics import DrumObserver, package_metrics, position_metrics
 from mech_twin.machines.winding_drum.parameters import WindingDrum, package_constants
-from mech_twin.machines.winding_drum.roles import ENDED, FORCES, JOINTS, Drum, DrumLinkage, drum_layout
+from mech_twin.machines.winding_drum.roles import ENDED, FORCES, JOINTS, Drum, DrumLinkage
 from mech_twin.roles import Capabilities, Machine
 
 PARAMETERS = WindingDrum
@@ -20,9 +20,8 @@ def build(parameters: WindingDrum) -> Machine:
     constants = package_constants(parameters, parameters.direction == "winding")
     (first, last), step_s, speed = parameters.radii_m, parameters.coupling.step_s, parameters.yarn_speed_m_per_s
     fraction = parameters.supply.initial_fraction
-    layout = drum_layout("full" if parameters.direction == "winding" else "empty")
     drum = Drum(constants, first, last, step_s)
-    linkage = DrumLinkage(drum, step_s, fraction * speed, fraction, layout)
+    linkage = DrumLinkage(drum, step_s, fraction * speed, fraction)
     drive = SpeedDrive(speed, parameters.rate_per_s, step_s, JOINTS.index("yarn"), ENDED)
     return Machine(
         "winding_drum",

@@ -5,6 +5,7 @@ The numbers of the linkage row have names: motion, memory, residuals.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import cos, inf, sin
 from typing import Any, NamedTuple
 
@@ -288,21 +289,21 @@ class DrumLinkage(CompiledLinkage):
     step_s: float
     start_speed_m_per_s: float
     start_command: float
-    layout: LinkageLayout
     joints = JOINTS
     coordinates = COORDINATES
     regimes = REGIMES
     failures = FAILURES
     residual_limits = dict.fromkeys(RESIDUALS, 1e-9)
 
+    @cached_property
+    def layout(self) -> LinkageLayout:
+        """Row of the samples; the package ends full or empty."""
+        kinds = ("full" if self.model.package.layer_m < 0.0 else "empty", "stick", "release")
+        events = EventLayout(kinds, ("package", "drum"), len(COORDINATES))
+        return LinkageLayout(JOINTS, DrumMemory._fields, RESIDUALS, events)
+
     def start(self, step: int = 0) -> LinkageSample:
         """Return the package at its initial radius, the yarn at the configured share of its speed."""
         out = np.empty(self.layout.size)
         start_row(self.model, self.start_speed_m_per_s, self.start_command, out)
         return self.layout.sample(step, step * self.step_s, out.tolist(), ())
-
-
-def drum_layout(end_kind: str) -> LinkageLayout:
-    """Return the row of the linkage, whose package ends full or empty."""
-    events = EventLayout((end_kind, "stick", "release"), ("package", "drum"), len(COORDINATES))
-    return LinkageLayout(JOINTS, DrumMemory._fields, RESIDUALS, events)
