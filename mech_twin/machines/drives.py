@@ -123,11 +123,14 @@ class DrivenCrank(Parameters):
         longest, why = LONGEST_TURN * 60.0 / abs(self.drive.speed_rpm), f"{LONGEST_TURN:g} turn at drive.speed_rpm"
         if self.drive.kind == "kloss" and self.motor is not None and self.gear is not None:
             turn_s = 60.0 * self.gear.ratio / self.motor.synchronous_speed_rpm
+            curve = motor_constants(self.motor)
+            slope = 2.0 * curve.breakdown_torque_nm / (curve.breakdown_slip * curve.synchronous_speed_rad_per_s)
+            slope += self.friction.viscous_nms_per_rad / self.gear.ratio**2
             longest, why = min(
                 (LONGEST_MOTOR_STEP_S, "the motor's slope is taken anew at each step"),
                 (LONGEST_MOTOR_TURN * turn_s, f"{LONGEST_MOTOR_TURN:g} turn of the crank at synchronous speed"),
                 (
-                    MOST_STIFFNESS * _shaft_time_s(self.motor, self.gear, self.friction),
+                    MOST_STIFFNESS * (self.motor.rotor_inertia_kg_m2 / slope),
                     f"{MOST_STIFFNESS:g} times rotor inertia over the steepest slope of motor and viscous friction",
                 ),
             )
@@ -186,13 +189,6 @@ class DrivenCrank(Parameters):
         speed = self.drive.speed_rad_per_s
         sense = (speed > 0.0) - (speed < 0.0)
         return self.friction.coulomb_nm * sense + self.friction.viscous_nms_per_rad * speed
-
-
-def _shaft_time_s(motor: InductionMotorParameters, gear: Gear, friction: Friction) -> float:
-    """Return the smallest time constant (s): rotor inertia over the steepest slope of motor torque and friction."""
-    curve = motor_constants(motor)
-    slope = 2.0 * curve.breakdown_torque_nm / (curve.breakdown_slip * curve.synchronous_speed_rad_per_s)
-    return motor.rotor_inertia_kg_m2 / (slope + friction.viscous_nms_per_rad / gear.ratio**2)
 
 
 class SpeedDrive(NamedTuple):

@@ -46,7 +46,7 @@ from mech_twin.machines.impact_mass.one_impact_cycle import (
 )
 from mech_twin.machines.impact_mass.parameters import ImpactMass
 from mech_twin.machines.impact_mass.step import anchor_at
-from mech_twin.machines.impact_mass.wave_stop import StopRod, blow_numbers
+from mech_twin.machines.impact_mass.wave_stop import blow_numbers
 from mech_twin.roles import AnchoredMotion
 
 FORCE, MASS = "motor.generator.effort", "linkage.mass.position"
@@ -86,19 +86,16 @@ EITHER = (-0.2, -0.1, -0.05, 0.05, 0.1, 0.2)
 RIGID_FAULTS = (share_of_key("restitution", "the stop's face has changed", "restitution", EITHER),)
 
 
-def wave_faults(stop: StopRod) -> tuple[MachineFault, ...]:
-    """Return the faults of a stop that is a rod: its face, its wall."""
-    found = [share_of_key("face_worn", "the stop's face is softer", "stop.wave.face.stiffness_n_per_m", LESS)]
-    if stop.wall.kind == "loading":
-        wall = "stop.wave.wall.stiffness_n_per_m"
-        found.append(share_of_key("wall_soft", "the wall behind the stop is softer", wall, LESS))
-    return tuple(found)
-
-
 def faults(parameters: ImpactMass) -> tuple[MachineFault, ...]:
-    """Return the faults of stop and generator."""
+    """Return the faults of stop (of one that is a rod its face, its wall) and generator."""
+    stop, rod = parameters.stop, "stop.wave"
+    found: tuple[MachineFault, ...] = RIGID_FAULTS
+    if stop.model == "wave":
+        found = (share_of_key("face_worn", "the stop's face is softer", f"{rod}.face.stiffness_n_per_m", LESS),)
+        soft = share_of_key("wall_soft", "the wall behind the stop is softer", f"{rod}.wall.stiffness_n_per_m", LESS)
+        found += (soft,) if stop.wave.wall.kind == "loading" else ()
     return (
-        *(wave_faults(parameters.stop.wave) if parameters.stop.model == "wave" else RIGID_FAULTS),
+        *found,
         share_of_key("first_level", "the force of the first phase is off", "phase1_force_n", EITHER),
         share_of_key("second_level", "the force of the second phase is off", "phase2_force_n", EITHER),
         added_to_key("stop_moved", "the stop has moved", "stop_position_m", "m", (-0.02, -0.005, 0.005, 0.02)),
@@ -131,17 +128,17 @@ def admissible(cycle: OneImpactCycle, system: ImpactSystem) -> bool:
     return strikes_once_a_period(after_blow(cycle, system), system, BLOW_TOLERANCE * system.period_s)
 
 
-def one_impact_cycles(system: ImpactSystem) -> list[OneImpactCycle]:
-    """Return the admissible one-impact motions (at most two): the blow within its phase, no further impact."""
-    found = (one_impact_cycle(system, phase) for phase in (0, 1))
-    return [cycle for cycle in found if cycle and 0.0 <= cycle.position_share <= 1.0 and admissible(cycle, system)]
-
-
 def cycle_metrics(parameters: ImpactMass) -> dict[str, float]:
     """Return the closed-form metrics: means, stability limits, one-impact motions, the first blow, and the contact."""
     system, mass_kg = parameters.system, parameters.mass_kg
     mean, share = mean_acceleration(system), phase1_chatter_share(system)
-    cycles = {f"one_impact_phase{cycle.phase + 1}": cycle for cycle in one_impact_cycles(system)}
+    cycles = {
+        f"one_impact_phase{phase + 1}": cycle
+        for phase in (0, 1)
+        if (cycle := one_impact_cycle(system, phase))
+        and 0.0 <= cycle.position_share <= 1.0
+        and admissible(cycle, system)
+    }
     metrics = {
         "period_s": system.period_s,
         "phase1_acceleration_m_per_s2": system.acceleration1,

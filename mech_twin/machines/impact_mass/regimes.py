@@ -223,12 +223,6 @@ def return_period(table: PeriodTable) -> int:
     return 0
 
 
-def release_period(table: PeriodTable) -> int:
-    """Return the number of periods between the last two releases, or 0 if there are not two."""
-    *_, before, last = (-1, -1, *np.flatnonzero(table.releases))
-    return int(last - before) if before >= 0 else 0
-
-
 def _periodic(table: PeriodTable, k: int, walked: int, growth: float | None) -> LongRunRegime:
     last = table.last(k)
     impacts = tuple(-1 if ends > 0.0 else int(n) for ends, n in zip(last.chatter_ends, last.impacts, strict=True))
@@ -267,9 +261,9 @@ def regime(system: ImpactSystem, motion: MassMotion, settling_periods: int = 100
         walked += count
         if ended != GOING:
             return LongRunRegime("rest" if ended == REST else "escape", 0, (), False, (), None, walked)
-        released = release_period(table)
-        if released:
-            return _released(system, table, released, walked)
+        *_, before, last = (-1, -1, *np.flatnonzero(table.releases))
+        if before >= 0:
+            return _released(system, table, int(last - before), walked)
         returned = return_period(table.last(WINDOW))
         if returned:
             return _periodic(table, returned, walked, None)

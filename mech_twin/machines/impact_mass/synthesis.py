@@ -163,11 +163,6 @@ def _nominal_candidates(spec: CycleSpec, published: ImpactMass, robustness: Robu
             f"no robust cycle: margin >= {robustness.margin!r} does not hold: largest margin of an admissible "
             f"stable cycle {largest!r}"
         )
-    return _short_enough(keeping, spec, robustness)
-
-
-def _short_enough(keeping: list[ImpactMass], spec: CycleSpec, robustness: RobustnessSpec) -> list[ImpactMass]:
-    """Return the candidates within the bounds of stroke and start speed."""
     bounded = [
         parameters
         for parameters in keeping
@@ -212,7 +207,13 @@ def robust_parameters(spec: CycleSpec, robustness: RobustnessSpec) -> tuple[Impa
     StudyError
         If no forces meet the demand, naming the inequality that fails and the best that was found.
     """
-    _require_demand(spec, robustness)
+    if robustness.margin > 1.0 - spec.restitution:
+        raise StudyError(
+            "no robust cycle: margin <= 1 - restitution does not hold (the product of the multipliers is R^2): "
+            f"{robustness.margin!r}, {1.0 - spec.restitution!r}"
+        )
+    if not 0.0 <= robustness.tolerance < 1.0:
+        raise StudyError(f"no robust cycle: 0 <= tolerance < 1 does not hold: {robustness.tolerance!r}")
     published = published_parameters(spec)
     box = default_box(spec.stroke_m, spec.impact_speed_m_per_s, robustness.starts, robustness.seed)
     screened = [_screened(p, box, robustness) for p in _nominal_candidates(spec, published, robustness)]
@@ -236,16 +237,6 @@ def robust_parameters(spec: CycleSpec, robustness: RobustnessSpec) -> tuple[Impa
         f"{len(holding)} keep basin_fraction >= {robustness.basin_fraction!r} at the points of a first look and none "
         f"at all points tried; best worst case {best!r}"
     )
-
-
-def _require_demand(spec: CycleSpec, robustness: RobustnessSpec) -> None:
-    if robustness.margin > 1.0 - spec.restitution:
-        raise StudyError(
-            "no robust cycle: margin <= 1 - restitution does not hold (the product of the multipliers is R^2): "
-            f"{robustness.margin!r}, {1.0 - spec.restitution!r}"
-        )
-    if not 0.0 <= robustness.tolerance < 1.0:
-        raise StudyError(f"no robust cycle: 0 <= tolerance < 1 does not hold: {robustness.tolerance!r}")
 
 
 def cycle_stroke(parameters: ImpactMass) -> float:

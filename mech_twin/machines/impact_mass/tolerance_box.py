@@ -17,7 +17,7 @@ from mech_twin.machines.impact_mass.cycle_verdict import BORDER, StartBox, basin
 from mech_twin.machines.impact_mass.dynamics import PHASE_2, ImpactSystem, impact_system
 from mech_twin.machines.impact_mass.impact_stop import LARGEST_RESTITUTION
 from mech_twin.machines.impact_mass.metrics import admissible
-from mech_twin.machines.impact_mass.one_impact_cycle import OneImpactCycle, one_impact_cycle
+from mech_twin.machines.impact_mass.one_impact_cycle import one_impact_cycle
 from mech_twin.machines.impact_mass.parameters import ImpactMass
 
 CLIMBS, CLIMB_STEPS = 6, 8  # points climbed from, steps of each
@@ -79,24 +79,16 @@ def deviated(parameters: ImpactMass, deviation: Deviation) -> ImpactSystem | Non
     return impact_system(times_s, accelerations, restitution, parameters.chatter_cutoff)
 
 
-def stable_cycle(system: ImpactSystem) -> OneImpactCycle | None:
-    """Return the cycle with its impact in phase 2 if it exists, off the border, is admissible and stable."""
-    cycle = one_impact_cycle(system, int(PHASE_2))
-    if cycle is None or not BORDER < cycle.position_share < 1.0 - BORDER:
-        return None
-    largest, _ = cycle.multipliers
-    return cycle if abs(largest) < 1.0 and admissible(cycle, system) else None
-
-
 def outcome(parameters: ImpactMass, deviation: Deviation, starts: StartBox) -> PointOutcome:
-    """Return the result at a point of the box; margin and share are 0 if it has no stable cycle."""
+    """Return the result at a point of the box; margin and share are 0 if it has no stable cycle off the border."""
     system = deviated(parameters, deviation)
-    cycle = None if system is None else stable_cycle(system)
-    if system is None or cycle is None:
-        return PointOutcome(deviation, 0.0, 0.0, 0)
-    largest, _ = cycle.multipliers
-    found = basin(system, cycle, starts)
-    return PointOutcome(deviation, 1.0 - abs(largest), found.fraction, found.slowest_periods)
+    cycle = system and one_impact_cycle(system, int(PHASE_2))
+    if system and cycle and BORDER < cycle.position_share < 1.0 - BORDER:
+        largest = abs(cycle.multipliers[0])
+        if largest < 1.0 and admissible(cycle, system):
+            found = basin(system, cycle, starts)
+            return PointOutcome(deviation, 1.0 - largest, found.fraction, found.slowest_periods)
+    return PointOutcome(deviation, 0.0, 0.0, 0)
 
 
 def corners(tolerance: float) -> list[Deviation]:

@@ -200,11 +200,9 @@ class BreakerParameters(Parameters):
 
     @model_validator(mode="after")
     def _step_is_short_enough(self) -> BreakerParameters:
+        synchronous = self.motor.synchronous_speed_rpm * math.pi / 30.0 / self.gear.ratio
         bounds = [
-            (
-                LONGEST_TURN_RAD / self.synchronous_crank_rad_per_s,
-                f"{LONGEST_TURN_RAD:g} rad of the crank at synchronous speed",
-            ),
+            (LONGEST_TURN_RAD / synchronous, f"{LONGEST_TURN_RAD:g} rad of the crank at synchronous speed"),
             (
                 MOST_STIFFNESS * shaft_time_s(self),
                 f"{MOST_STIFFNESS:g} times inertia of rotor and crank over the steepest slope of the motor",
@@ -298,11 +296,6 @@ class BreakerParameters(Parameters):
                 f"least effective mass; got {head:.6g}"
             )
         return self
-
-    @property
-    def synchronous_crank_rad_per_s(self) -> float:
-        """Crank speed (rad/s) at the motor's synchronous speed."""
-        return self.motor.synchronous_speed_rpm * math.pi / 30.0 / self.gear.ratio
 
     @property
     def shaft_inertia_kg_m2(self) -> float:

@@ -82,12 +82,8 @@ def faults(parameters: RollerFormer) -> tuple[MachineFault, ...]:
 
 def _empty(cart: int, states: tuple[Any, ...]) -> MachineFault:
     """Return the fault of a cart without mix; its size is 1."""
-    changed = [*states[:cart], "empty", *states[cart + 1 :]]
-
-    def changes(parameters: RollerFormer, size: float) -> dict[str, Any]:
-        return {"carts.states": changed}
-
-    return MachineFault(f"cart_{cart + 1}_empty", f"cart {cart + 1} has no mix under its rollers", "1", (1.0,), changes)
+    changed, meaning = [*states[:cart], "empty", *states[cart + 1 :]], f"cart {cart + 1} has no mix under its rollers"
+    return MachineFault(f"cart_{cart + 1}_empty", meaning, "1", (1.0,), lambda _, size: {"carts.states": changed})
 
 
 MIX_X, MIX_Y = "carts.roller_force_x_n", "carts.roller_force_y_n"

@@ -295,14 +295,6 @@ def load_sums(former: Former, crank: float, linkage: Array) -> tuple[float, floa
 
 
 @borrowing_kernel
-def friction_moment(former: Former, speed: float, driving: float) -> float:
-    """Return the friction of the shaft (N m): kinetic, or static at rest, up to Coulomb's limit."""
-    if speed == 0.0:
-        return min(max(driving, -former.coulomb_nm), former.coulomb_nm)
-    return former.viscous_nms_per_rad * speed + (former.coulomb_nm if speed > 0.0 else -former.coulomb_nm)
-
-
-@borrowing_kernel
 def fill_cart_forces(
     former: Former, crank: float, speed: float, acceleration: float, linkage: Array, out: Array
 ) -> tuple[float, float, float, float]:
@@ -357,7 +349,9 @@ def fill_forces(
     inertia, slope, load = load_sums(former, crank, linkage)
     weight = rod_weight_moment(former.bank, crank)
     driving = transmitted - load - weight - speed * speed * slope
-    friction = friction_moment(former, speed, driving)
+    friction, coulomb = min(max(driving, -former.coulomb_nm), former.coulomb_nm), former.coulomb_nm  # static, at rest
+    if speed != 0.0:
+        friction = former.viscous_nms_per_rad * speed + (coulomb if speed > 0.0 else -coulomb)
     acceleration = (driving - friction) / inertia
     moment, inertia_nm, shake_x, shake_y = fill_cart_forces(former, crank, speed, acceleration, linkage, out)
     residual = transmitted - friction + moment - former.bank.crank_inertia_kg_m2 * acceleration

@@ -42,7 +42,10 @@ def drawing(s: SliderCrank, linkage: LinkageSample) -> tuple[Shape, ...]:
 def _slider(s: SliderCrank, joint: Point) -> list[Shape]:
     """Return the slider with the tree it holds, and its guide over the whole travel."""
     half = 0.45 * s.crank_m
-    low, high = _travel(s)
+    ends = [-s.crank_m, s.crank_m]  # of the joint, to the rod's length where it is infinite
+    if s.kind >= FINITE_ROD:
+        ends = [follower(s, 0.0174532925199433 * degree).y for degree in range(0, 360, 15)]
+    low, high = min(ends), max(ends)
     left, right = s.offset_m - 1.25 * half, s.offset_m + 1.25 * half
     guide = hatched((right, high + half), (right, low - half), 0.3 * half)
     grip = joint[1] + half
@@ -66,14 +69,6 @@ def _boom(s: SliderCrank, joint: Point) -> list[Shape]:
         Shape("load", "points", (load,), FOLLOWER, 0.06),
         Shape("tree", "line", circle(load, radius), MATERIAL, 0.010, "held tree"),
     ]
-
-
-def _travel(s: SliderCrank) -> tuple[float, float]:
-    """Return the lowest and highest position of the slider's joint (m), to the rod's length where it is infinite."""
-    if s.kind < FINITE_ROD:
-        return -s.crank_m, s.crank_m
-    ends = [follower(s, 0.0174532925199433 * degree).y for degree in range(0, 360, 15)]
-    return min(ends), max(ends)
 
 
 RED, BLUE, GREEN, GREY = (200, 60, 40), (60, 90, 180), (90, 140, 60), (60, 60, 60)

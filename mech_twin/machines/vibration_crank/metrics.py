@@ -32,7 +32,6 @@ from mech_twin.machines.vibration_crank.slider_crank import (
     stored_energy,
 )
 from mech_twin.parts.induction_motor import MotorConstants
-from mech_twin.samples import Frame
 
 CRANK, TORQUE, SLIDER = "linkage.crank.position", "linkage.crank.effort", "linkage.slider.position"
 COLUMN_X, COLUMN_Y = "forces.shaking_force_x_n", "forces.shaking_force_y_n"
@@ -272,11 +271,8 @@ def position_metrics(s: SliderCrank, speed: float, drag: float, th: float) -> di
 def crank_run(motor: MotorConstants | None) -> CrankRun:
     """Return the numbers of a run: those of every crank machine, the force on the frame, the torque's greatest size."""
 
-    def frame_force(frame: Frame) -> dict[str, float]:
-        return {"shaking_force_{}_n": frame.forces.quantities.as_dict()["shaking_force_n"]}
-
     def peak(numbers: dict[str, float], memory: Memory) -> dict[str, float]:
         ends = numbers["run_drive_torque_min_nm"], numbers["run_drive_torque_max_nm"]
         return {"run_drive_torque_peak_nm": max(map(abs, ends))}
 
-    return CrankRun(motor, frame_force, peak)
+    return CrankRun(motor, lambda at: {"shaking_force_{}_n": at.forces.quantities.as_dict()["shaking_force_n"]}, peak)

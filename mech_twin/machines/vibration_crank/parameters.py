@@ -18,7 +18,6 @@ from mech_twin.machines.vibration_crank.slider_crank import (
     Counterweight,
     MovingMasses,
     SliderCrank,
-    balanced_mass,
 )
 from mech_twin.parts.four_bar import OPEN, FourBar, failing_inequality, smallest_transmission_angle
 
@@ -94,14 +93,13 @@ class VibrationCrank(DrivenCrank):
         return self.balancing_kg(fraction) if given is None else given
 
     def balancing_kg(self, fraction: float) -> float:
-        """Return m_p = (m_r + kappa m_s) r/r_p (kg) for a balancing fraction kappa."""
-        swinging = balanced_mass(self.masses, self.load_ratio)
-        return (self.masses.rotating + fraction * swinging) * self.crank_m / self.counterweight.radius_m
+        """Return m_p = (m_r + kappa m_s) r/r_p (kg) for a balancing fraction kappa.
 
-    @property
-    def load_ratio(self) -> float | None:
-        """Arm of a boom's load over that of its joint; None for a slider."""
-        return None if self.boom is None else self.boom.load_ratio
+        With a boom m_j + kb m_t stands for m_s: its load moves by kb times the travel of the rod's joint.
+        """
+        masses, boom = self.masses, self.boom
+        swinging = masses.reciprocating if boom is None else masses.at_rod_joint + boom.load_ratio * masses.carried
+        return (masses.rotating + fraction * swinging) * self.crank_m / self.counterweight.radius_m
 
 
 def slider_crank_constants(parameters: VibrationCrank) -> SliderCrank:

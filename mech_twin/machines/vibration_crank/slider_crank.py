@@ -111,16 +111,6 @@ class Counterweight(Parameters):
     density_kg_per_m3: float = quantity("kg/m3", "density", ge=1.0, le=1e5)
 
 
-def balanced_mass(masses: MovingMasses, load_ratio: float | None) -> float:
-    """Return the mass (kg) whose force at the crank pin the counterweight balances in part: m_s, or m_j + kb m_t.
-
-    The load of a boom moves by ``load_ratio`` kb times the travel of the rod's joint, and so does its inertia force.
-    """
-    if load_ratio is None:
-        return masses.reciprocating
-    return masses.at_rod_joint + load_ratio * masses.carried
-
-
 class SliderCrank(NamedTuple):
     """Constants (SI): ``joint_mass`` and ``load_mass`` at b and kb b of a boom; their sum is a slider's mass."""
 

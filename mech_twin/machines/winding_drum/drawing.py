@@ -37,10 +37,12 @@ def package_drawing(package: Package, sample: LinkageSample) -> tuple[Shape, ...
     half = 0.5 * (x + away)
     speed = sample.joint("drum").velocity
     sense = "winding" if winds else "unwinding"
+    wound = radius - package.core_m
+    layers = enumerate((package.core_m + share * wound for share in (1.0 / 3.0, 2.0 / 3.0)), 1)  # stand for all
     return (
         Shape("frame", "line", bearing((0.0, 0.0), 0.35 * package.core_m), GROUND, 0.004),
         Shape("package", "line", circle((x, y), radius, 72), MATERIAL, 0.008),
-        *_layers(package, (x, y), radius),
+        *(Shape(f"layer_{i}", "line", circle((x, y), r), MATERIAL, 0.002) for i, r in layers),
         Shape("core", "line", circle((0.0, 0.0), package.core_m), STEEL, 0.006),
         Shape("mark", "line", ((0.0, 0.0), (x - radius * sin(phi), y + radius * cos(phi))), ROD, 0.003),
         Shape("yarn", "line", ((x, top), (away, top)), FOLLOWER, 0.004),
@@ -51,12 +53,6 @@ def package_drawing(package: Package, sample: LinkageSample) -> tuple[Shape, ...
         *_eccentricity(package, outward),
         Shape("axis", "points", ((0.0, 0.0),), STEEL, 0.014),
     )
-
-
-def _layers(package: Package, middle: Point, radius_m: float) -> tuple[Shape, ...]:
-    """Return two rings that stand for the wound layers."""
-    radii = [package.core_m + share * (radius_m - package.core_m) for share in (1.0 / 3.0, 2.0 / 3.0)]
-    return tuple(Shape(f"layer_{i}", "line", circle(middle, r), MATERIAL, 0.002) for i, r in enumerate(radii, 1))
 
 
 def _turning(radius_m: float, speed_rad_per_s: float) -> tuple[Shape, ...]:

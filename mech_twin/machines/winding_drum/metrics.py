@@ -72,13 +72,16 @@ def features(parameters: WindingDrum) -> CycleFeatures:
     """Return the features of a turn: speed, density, torque minus the model's, and the package's run-out."""
     package = package_constants(parameters, parameters.direction == "winding")
 
+    def speed(cycle: SampledCycle) -> float:
+        return fitted_slope(cycle.channels[YARN].times_s, cycle.channels[YARN].values)
+
     def density(cycle: SampledCycle) -> float:
         return _density_fit(package, cycle)[0]
 
     return CycleFeatures(
         CycleReference(DRUM),
         (
-            CycleFeature("yarn_speed_m_per_s", "m/s", "mean speed of the yarn", (YARN,), _yarn_speed),
+            CycleFeature("yarn_speed_m_per_s", "m/s", "mean speed of the yarn", (YARN,), speed),
             CycleFeature("density_share", "1", "density of the package over that configured", (YARN, TORQUE), density),
             _torque_left("torque_left_nm", package, 0, "mean torque less that of the model at this radius and density"),
             _torque_left("torque_left_cos_1_nm", package, 1, "the same, cosine of the turn"),
@@ -98,11 +101,6 @@ def _yarn_per_radian(cycle: SampledCycle) -> float:
     if not abs(after - before) <= STEADY * abs(before + after):
         return math.nan
     return fitted_slope(yarn.phase_rad, yarn.values)
-
-
-def _yarn_speed(cycle: SampledCycle) -> float:
-    yarn = cycle.channels[YARN]
-    return fitted_slope(yarn.times_s, yarn.values)
 
 
 def _density_fit(package: Package, cycle: SampledCycle) -> tuple[float, Array, Array]:

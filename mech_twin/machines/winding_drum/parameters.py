@@ -82,18 +82,15 @@ class WindingDrum(WoundPackage):
                 f"yarn_speed_m_per_s coupling.step_s / (core_radius_m - eccentricity_m) <= {MOST_TURN_RAD:g} fails: "
                 f"the drum would turn by {turn:.3g} rad in one step; shorten coupling.step_s"
             )
-        slowed = self.friction.viscous_nms_per_rad * self.coupling.step_s / self._full_inertia_kg_m2
+        full = package_constants(self, True)
+        inertia = package_inertia(full, wound_at(full, self.package_radius_m))
+        slowed = self.friction.viscous_nms_per_rad * self.coupling.step_s / inertia
         if self.direction == "winding" and slowed > MOST_DECAYS:
             raise ValueError(
                 f"friction.viscous_nms_per_rad coupling.step_s / inertia of the full package <= {MOST_DECAYS:g} fails: "
                 f"{slowed:.3g}; shorten coupling.step_s"
             )
         return self
-
-    @property
-    def _full_inertia_kg_m2(self) -> float:
-        package = package_constants(self, True)
-        return float(package_inertia(package, wound_at(package, self.package_radius_m)))
 
     @property
     def rate_per_s(self) -> float:

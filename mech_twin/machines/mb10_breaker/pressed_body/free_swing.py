@@ -42,7 +42,9 @@ class CycleMap:
         """Z* = g/(1 - q)."""
         if self.resonant:
             raise ValueError("no fixed point: k is a whole multiple of the cycle frequency and damping is zero")
-        return -self.gain / _exponential_less_one(self.exponent)
+        z, half = self.exponent, math.sin(0.5 * self.exponent.imag)
+        less_one = math.expm1(z.real) * math.cos(z.imag) - 2.0 * half * half  # of e^z, without cancellation
+        return -self.gain / complex(less_one, math.exp(z.real) * math.sin(z.imag))
 
     def after(self, start: complex, cycles: int) -> complex:
         """Return Z after a number of cycles, without going through them."""
@@ -50,11 +52,6 @@ class CycleMap:
             return start + cycles * self.gain
         rest = self.fixed_point
         return rest + cmath.exp(cycles * self.exponent) * (start - rest)
-
-
-def _exponential_less_one(z: complex) -> complex:
-    half = math.sin(0.5 * z.imag)
-    return complex(math.expm1(z.real) * math.cos(z.imag) - 2.0 * half * half, math.exp(z.real) * math.sin(z.imag))
 
 
 def amplitudes(body: PressedBody, angle: float, rate: float) -> complex:
@@ -156,7 +153,8 @@ def swing_regime(body: PressedBody) -> SwingRegime:
     rest = mapping.fixed_point
     top = largest_angle(body, rest)[1]
     if body.damping > 0.0:
-        highest = max(largest_angle(body, amplitudes_of_cycle(body, cycle))[1] for cycle in range(_memory(body)))
+        fading = min(1000, max(1, math.ceil(20.0 / (body.damping * body.k * body.period))))  # cycles, down to 1e-9
+        highest = max(largest_angle(body, amplitudes_of_cycle(body, cycle))[1] for cycle in range(fading))
         highest = max(highest, top)
         kind = "periodic"
     else:
@@ -164,8 +162,3 @@ def swing_regime(body: PressedBody) -> SwingRegime:
         kind = "beat"
     forces = pressing_force(body, top), pressing_force(body, highest)
     return SwingRegime(kind, top, forces[0], abs(rest), highest, forces[1])
-
-
-def _memory(body: PressedBody) -> int:
-    """Return the number of cycles (1 to 1000) in which a transient decays to 1e-9."""
-    return min(1000, max(1, math.ceil(20.0 / (body.damping * body.k * body.period))))

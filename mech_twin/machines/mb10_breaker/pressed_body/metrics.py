@@ -10,7 +10,6 @@ from mech_twin.machines.mb10_breaker.pressed_body.collar_contact import (
     FREE,
     SETTLING,
     TOUCHDOWN,
-    ContactPiece,
     next_piece,
     planned_piece,
     resting_piece,
@@ -29,16 +28,11 @@ def with_preload(body: PressedBody, ratio: float, k: float | None = None) -> Pre
     return body._replace(k=k, rate=rate, deflection=deflection, rest_angle=deflection / body.arm)
 
 
-def _first_cycle(body: PressedBody) -> ContactPiece:
+def first_return_after_blow(body: PressedBody) -> float:
+    """Return the time (s) of the first return to the collar in a cycle from rest, relative to the blow that ends it."""
     piece = resting_piece(body, 0)
     while piece.cycle == 0 and piece.cause not in {TOUCHDOWN, BLOW}:
         piece, _ = next_piece(body, piece)
-    return piece
-
-
-def first_return_after_blow(body: PressedBody) -> float:
-    """Return the time (s) of the first return to the collar in a cycle from rest, relative to the blow that ends it."""
-    piece = _first_cycle(body)
     if piece.cause == TOUCHDOWN:
         return piece.end - body.period
     after, _ = next_piece(body, piece)
