@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Running metrics of a run of the impact mass."""
 
+import math
 from collections import deque
 from collections.abc import Callable
 
@@ -69,37 +70,6 @@ class SteadySpeed:
         }
 
 
-class EnergyBalance:
-    """Energy of a run: kinetic energy against work of the force, loss at the stop and work of live changes, J."""
-
-    def __init__(self) -> None:
-        self._begin_j: float | None = None
-        self._last_j = 0.0
-        self._work, self._loss, self._change = CompensatedSum(), CompensatedSum(), CompensatedSum()
-
-    def observe(self, frame: Frame, memory: MassMemory) -> None:
-        """Update with one frame."""
-        (velocity,) = frame.linkage.velocity
-        kinetic_j = 0.5 * memory.mass_kg * velocity**2
-        if self._begin_j is None:
-            self._begin_j = kinetic_j
-        else:
-            self._work.add(memory.step_drive_work_j)
-            self._loss.add(memory.step_stop_loss_j)
-            self._change.add(memory.step_change_work_j)
-        self._last_j = kinetic_j
-
-    def numbers(self) -> dict[str, float]:
-        """Return the sums and the error of the balance."""
-        given = self._work.value - self._loss.value + self._change.value
-        return {
-            "drive_work_j": self._work.value,
-            "stop_loss_j": self._loss.value,
-            "change_work_j": self._change.value,
-            "energy_unbalanced_j": self._last_j - (self._begin_j or 0.0) - given,
-        }
-
-
 def counts(memory: MassMemory) -> dict[str, float]:
     """Return the mass's own counts of the run, by the metrics that they lead."""
     return {"impacts": memory.impacts_1, "periods": memory.anchor_period_1}
@@ -120,8 +90,9 @@ class MassObserver:
         self._stop, self._blow = stop_m, blow
         self._speed_sum = CompensatedSum()
         self._impulse = CompensatedSum()
-        self._steady, self._energy = SteadySpeed(), EnergyBalance()
-        self._begin_s: float | None = None
+        self._steady, self._begin_s = SteadySpeed(), math.nan
+        self._work, self._loss, self._change = CompensatedSum(), CompensatedSum(), CompensatedSum()
+        self._begin_j = self._last_j = 0.0  # kinetic energy
         self._before: dict[str, float] = {}
         self._numbers = {
             "impacts": 0.0,
@@ -146,12 +117,13 @@ class MassObserver:
         """Update with one frame."""
         now, linkage = self._numbers, frame.linkage
         memory = MassMemory(*linkage.memory.values)
-        if self._begin_s is None:  # a recording may begin within a run, its first sample at the end of a step
-            self._begin_s, self._before = linkage.time_s, counts(memory)
+        (position,), (velocity,) = linkage.position, linkage.velocity
+        self._last_j = 0.5 * memory.mass_kg * velocity**2
+        if math.isnan(self._begin_s):  # a recording may begin within a run, its first sample at the end of a step
+            self._begin_s, self._begin_j, self._before = linkage.time_s, self._last_j, counts(memory)
         else:
             self._take_step(linkage.events, memory)
             now["mean_stop_force_n"] = now["stop_impulse_ns"] / (linkage.time_s - self._begin_s)
-        (position,), (velocity,) = linkage.position, linkage.velocity
         now["velocity_min_m_per_s"] = min(now["velocity_min_m_per_s"], velocity)
         now["velocity_max_m_per_s"] = max(now["velocity_max_m_per_s"], velocity)
         now["gap_max_m"] = max(now["gap_max_m"], self._stop - position)
@@ -159,7 +131,6 @@ class MassObserver:
         shown = frame.forces.quantities.as_dict()
         now["peak_contact_force_n"] = max(now["peak_contact_force_n"], shown["peak_contact_force_n"])
         now["longest_contact_time_s"] = max(now["longest_contact_time_s"], shown["contact_time_s"])
-        self._energy.observe(frame, memory)
         self._take_rest(linkage.regime, linkage.time_s, memory)
 
     def _take_step(self, events: tuple[Event, ...], memory: MassMemory) -> None:
@@ -172,6 +143,9 @@ class MassObserver:
             self._take_event(event, memory)
         self._impulse.add(memory.step_impulse_m_per_s * memory.mass_kg)
         self._numbers["stop_impulse_ns"] = self._impulse.value
+        self._work.add(memory.step_drive_work_j)
+        self._loss.add(memory.step_stop_loss_j)
+        self._change.add(memory.step_change_work_j)
 
     def _take_event(self, event: Event, memory: MassMemory) -> None:
         now = self._numbers
@@ -197,9 +171,11 @@ class MassObserver:
         now["rests_for_good"] = 1.0 if resting else 0.0
 
     def numbers(self) -> dict[str, float]:
-        """Return the metrics so far."""
+        """Return the metrics so far; kinetic energy against work of force and live changes, and loss at the stop."""
         steady = self._steady.numbers()
-        found = {**self._numbers, **steady, **self._energy.numbers()}
+        sums = {"drive_work_j": self._work.value, "stop_loss_j": self._loss.value, "change_work_j": self._change.value}
+        given = sums["drive_work_j"] - sums["stop_loss_j"] + sums["change_work_j"]
+        found = {**self._numbers, **steady, **sums, "energy_unbalanced_j": self._last_j - self._begin_j - given}
         if self._blow is not None and steady["steady_impact_periods"] > 0.0:
             metrics = self._blow(steady["steady_impact_speed_m_per_s"])
             found.update({f"steady_{name}": value for name, value in metrics.items()})
