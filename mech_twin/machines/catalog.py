@@ -53,12 +53,10 @@ def told_by(metrics: Any, published: Any, sizing: Any = None, **further: Any) ->
     """Return what modules of a machine answer under the usual names, and further capabilities by theirs."""
     from mech_twin.capabilities.sizing import SizingQuestion
 
-    names = ("features", "faults", "operating")
-    found = {name: getattr(metrics, name, None) for name in names}
+    found = {name: getattr(metrics, name, None) for name in ("features", "faults", "operating")}
     found |= {"published": published.rows, "pictures": getattr(published, "pictures", None)}
     if sizing is not None:
-        numbers = sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing, sizing.USUAL_TOLERANCE
-        found["sizing"] = SizingQuestion(*numbers)
+        found["sizing"] = SizingQuestion(sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing, sizing.USUAL_TOLERANCE)
     return Capabilities(**{**found, **further})
 
 

@@ -172,19 +172,14 @@ def _masses(report: dict[str, float], parts: dict[str, float], density: float) -
     yield paper.at("counterweight", "m_p as printed").gated(
         "volume, m3", 0.00651, report["counterweight_volume_m3"], "m_p over 7850 kg/m3", absolute=5e-6
     )
-    worked = Literature(WORKED, "counterweight", "m_r from the parts")
-    yield worked.gated("counterweight m_p, kg", 51.786, parts["counterweight_mass_kg"], "with 8.55 kg", absolute=5e-4)
-    yield worked.gated("volume, m3", 0.006597, parts["counterweight_volume_m3"], "with 8.55 kg", absolute=5e-7)
-    yield worked.at("counterweight", "m_r as printed").gated(
-        "counterweight m_p, kg", 51.066, report["counterweight_mass_derived_kg"], "with 7.55 kg", absolute=5e-4
-    )
-    yield worked.at("counterweight", "m_r as printed").gated(
-        "volume, m3",
-        0.006505,
-        report["counterweight_mass_derived_kg"] / density,
-        "with 7.55 kg",
-        absolute=5e-7,
-    )
+    own, derived = parts["counterweight_mass_kg"], report["counterweight_mass_derived_kg"]
+    for inputs, why, mass, mass_kg, volume, volume_m3 in (
+        ("m_r from the parts", "with 8.55 kg", 51.786, own, 0.006597, parts["counterweight_volume_m3"]),
+        ("m_r as printed", "with 7.55 kg", 51.066, derived, 0.006505, derived / density),
+    ):
+        worked = Literature(WORKED, "counterweight", inputs)
+        yield worked.gated("counterweight m_p, kg", mass, mass_kg, why, absolute=5e-4)
+        yield worked.gated("volume, m3", volume, volume_m3, why, absolute=5e-7)
 
 
 def _speeds(parameters: VibrationCrank, harmonic: VibrationCrank) -> Iterator[PublishedRow]:
