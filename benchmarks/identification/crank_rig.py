@@ -71,7 +71,7 @@ def main() -> None:
         file.write_text(yaml.safe_dump(MAP), encoding="utf-8")
         given = given_map(file)
     base = machine_parameters("vibration_crank", None, TAPE_MEASURE)
-    model = GeometryModel("vibration_crank", base, KEYS, (SLIDE,))
+    model = GeometryModel("vibration_crank", base, KEYS, columns=(SLIDE,))
     worst = 100.0
     scratch = tempfile.mkdtemp()
     for out in range(len(RUNS)):

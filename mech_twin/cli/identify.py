@@ -278,7 +278,7 @@ def identify_lengths(request: IdentifyVerb, given: MeasurementMap, turn: ModelTu
         say(f"free, since the measured positions depend on them: {', '.join(keys) or 'no key'}")
     if not keys:
         raise CommandError(f"{request.machine}: no length moves {', '.join(columns)}; expected --free KEY")
-    model = GeometryModel(request.machine, base, keys, columns)
+    model = GeometryModel(request.machine, base, keys, columns=columns)
     model.values()  # a key that is wrong is named before the runs are read
     runs, kept = (
         [geometry_data(_checked(p, request, given, turn), columns) for p in paths] for paths in (fitted, held)

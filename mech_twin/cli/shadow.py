@@ -115,9 +115,9 @@ def _free_keys(request: ShadowVerb, parameters: Parameters) -> tuple[tuple[str, 
         keys, bounds = bounded_keys(request.identify)
         if AUTO in keys:
             keys = machine_keys(request.machine, parameters)
-        keyed = KeyedConfiguration(request.machine, parameters, keys)
+        keyed = KeyedConfiguration(request.machine, parameters, keys, bounds)
         keyed.check()
-        keyed.bounds(bounds)
+        keyed.search_range()
     except (CommandError, ConfigurationError) as error:
         raise CommandError(str(error).replace("--free", "--identify")) from error
     return keys, bounds

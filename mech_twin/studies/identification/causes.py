@@ -32,7 +32,6 @@ from mech_twin.studies.identification.fit_problem import (
 from mech_twin.studies.identification.fit_quality import TINY, Fitted, channel_noise, in_map, noise_misfit
 from mech_twin.studies.identification.fit_runs import FitChannel, FitRun
 from mech_twin.studies.identification.intervals import Linearised, remembered_noise
-from mech_twin.studies.identification.keyed_configuration import IdentificationQuestion
 from mech_twin.studies.identification.staged_fit import carried_over, refined, robust_weights
 
 MOST = 0.8  # share of the squared residuals beyond noise that a cause explains, to be told of a refuted fit
@@ -51,9 +50,7 @@ class FitCause(NamedTuple):
     refitted: Callable[[float], tuple[Fitted, float]]
 
 
-def likely_cause(
-    question: IdentificationQuestion, fitted: Fitted, whole: Fitted, line: Linearised, *, is_refuted: bool
-) -> str:
+def likely_cause(fitted: Fitted, whole: Fitted, line: Linearised, *, is_refuted: bool) -> str:
     """Return the errors of sensors, clock or priors that would explain a fit's residuals, with sizes; maybe none.
 
     Parameters
@@ -61,7 +58,7 @@ def likely_cause(
     whole : Fitted
         The same point with all keys free, of which ``line`` holds the derivatives at the fit.
     """
-    causes, beyond = _causes(question, fitted, whole, line)
+    causes, beyond = _causes(fitted, whole, line)
     most = max(cause.won for cause in causes)
     alike = [cause for cause in causes if cause.won >= ALIKE * most]
     if not is_refuted:
@@ -78,13 +75,11 @@ def likely_cause(
     return f"; {' or '.join(named)} would explain {100.0 * least:.0f} % of what noise does not" if named else ""
 
 
-def _causes(
-    question: IdentificationQuestion, fitted: Fitted, whole: Fitted, line: Linearised
-) -> tuple[list[FitCause], float]:
+def _causes(fitted: Fitted, whole: Fitted, line: Linearised) -> tuple[list[FitCause], float]:
     """Return the causes with what they explain to first order, and the squared residuals beyond noise."""
     problem, masks = fitted.problem, fitted.comparison.masks
     opened = [replace(run, channels=tuple(map(_all_open, run.channels))) for run in problem.runs]
-    unknowns = unknowns_of(problem.model.keyed, problem.model.keyed.bounds(), opened)
+    unknowns = unknowns_of(problem.question, opened)
     x = carried_over(fitted, unknowns)
     rows, priors = np.zeros((len(line.residuals), len(x))), np.flatnonzero(line.channels < 0)
     samples, lags, places = len(rows) - len(priors), unknowns.places(LAG), problem.places()
@@ -109,7 +104,7 @@ def _causes(
         by_chance, _ = remembered_noise(own[:, None], off, line.channels)
         return shared**2 / power, shared**2 / max(float(by_chance[0, 0]), TINY), -shared / power
 
-    own, found = question.of(problem.model.keyed.keys), list[FitCause]()
+    found = list[FitCause]()
     for i in unknowns.places(ZERO, GAIN, LAG).tolist():
         unknown = unknowns.all[i]
         channel = problem.runs[0].channels[unknown.place]
@@ -118,12 +113,10 @@ def _causes(
             continue
         won, score, step = explained(rows[:, i])
         words = partial(_of_sensor, unknown.kind, channel)
-        found.append(
-            FitCause(won, score, (float(x[i]) + step) * unknown.scale, words, partial(_open, own, fitted, unknown))
-        )
+        found.append(FitCause(won, score, (float(x[i]) + step) * unknown.scale, words, partial(_open, fitted, unknown)))
     for row, (key, (mean, deviation)) in zip(priors, whole.problem.priors.items(), strict=True):
         won, score, step = explained(np.where(np.arange(len(rows)) == row, robust, 0.0))
-        repeated = partial(_without_prior, own, fitted, key)
+        repeated = partial(_without_prior, fitted, key)
         found.append(FitCause(won, score, mean - step * deviation, partial(_of_prior, key), repeated))
     times, by_delay = np.zeros(len(rows)), (rows[:, lags] / unknowns.scales[lags]).sum(axis=1)
     times[:samples] = np.concatenate([problem.runs[i].channels[j].times_s[masks[i][j]] for i, j in places])
@@ -131,7 +124,7 @@ def _causes(
         if problem.runs[i].channels[j].of_instants:
             of_channel = line.channels == number
             by_delay[of_channel] = -robust[of_channel] / fitted.comparison.sigmas[j]
-    found.append(FitCause(*explained(by_delay * times), _of_clock, partial(_other_clock, own, fitted)))
+    found.append(FitCause(*explained(by_delay * times), _of_clock, partial(_other_clock, fitted)))
     return found, beyond
 
 
@@ -149,7 +142,7 @@ def _of_clock(rate: float) -> str:
     return f"a clock {100.0 * abs(rate):.3g} % too {way}, or a machine as much the other way,"
 
 
-def _open(question: IdentificationQuestion, fitted: Fitted, unknown: Unknown, size: float) -> tuple[Fitted, float]:
+def _open(fitted: Fitted, unknown: Unknown, size: float) -> tuple[Fitted, float]:
     """Return the fit with a zero, gain or lag that the map gives left free."""
     word = {ZERO: "zero", GAIN: "gain", LAG: "lag_s"}[unknown.kind]
 
@@ -159,7 +152,7 @@ def _open(question: IdentificationQuestion, fitted: Fitted, unknown: Unknown, si
         channels[unknown.place] = replace(channel, channel=channel.channel.model_copy(update={word: FREE}))
         return replace(run, channels=tuple(channels))
 
-    problem = problem_of(question, list(map(opened, fitted.problem.runs)))
+    problem = problem_of(fitted.problem.question, list(map(opened, fitted.problem.runs)))
     place = problem.unknowns.of_channel(unknown.kind, 0, unknown.place)
     x = carried_over(fitted, problem.unknowns)
     x[place] = size / unknown.scale
@@ -167,15 +160,16 @@ def _open(question: IdentificationQuestion, fitted: Fitted, unknown: Unknown, si
     return found, float(found.x[place]) * unknown.scale
 
 
-def _without_prior(question: IdentificationQuestion, fitted: Fitted, key: str, size: float) -> tuple[Fitted, float]:
+def _without_prior(fitted: Fitted, key: str, size: float) -> tuple[Fitted, float]:
     """Return the fit without the prior of a key, and the key's value there."""
+    question = fitted.problem.question
     priors = {name: prior for name, prior in question.priors.items() if name != key}
     found = refined(problem_of(replace(question, priors=priors), fitted.problem.runs), fitted.x)
     values = dict(zip(question.keys, found.key_values.tolist(), strict=True))
     return found, values.get(key, size)
 
 
-def _other_clock(question: IdentificationQuestion, fitted: Fitted, rate: float) -> tuple[Fitted, float]:
+def _other_clock(fitted: Fitted, rate: float) -> tuple[Fitted, float]:
     """Return the fit of the runs with times as another clock gives them."""
 
     def slower(channel: FitChannel) -> FitChannel:
@@ -183,7 +177,7 @@ def _other_clock(question: IdentificationQuestion, fitted: Fitted, rate: float) 
         return replace(channel, times_s=channel.times_s / (1.0 + rate), values=values)
 
     runs = [replace(run, channels=tuple(map(slower, run.channels))) for run in fitted.problem.runs]
-    return refined(problem_of(question, runs), fitted.x), rate
+    return refined(problem_of(fitted.problem.question, runs), fitted.x), rate
 
 
 def _all_open(channel: FitChannel) -> FitChannel:

@@ -29,7 +29,7 @@ from mech_twin.studies.identification.fit_runs import (
     matched,
     usual_spacing,
 )
-from mech_twin.studies.identification.keyed_configuration import IdentificationQuestion, KeyedConfiguration
+from mech_twin.studies.identification.keyed_configuration import IdentificationQuestion
 
 REFUSED = 1e3  # residual, in standard deviations, if the values are rejected or the simulation fails
 GUARD_STEPS = 2.5  # coupling steps left out on either side of an event
@@ -117,19 +117,17 @@ class Unknowns:
         return known if found is None else float(x[found] * self.all[found].scale)
 
 
-def unknowns_of(
-    keyed: KeyedConfiguration, bounds: Array, runs: Sequence[FitRun], longest_begin_s: float = 0.0
-) -> Unknowns:
-    """Return the unknowns of a fit of these keys to these runs."""
-    values, scales = keyed.values(), keyed.scales()
+def unknowns_of(question: IdentificationQuestion, runs: Sequence[FitRun]) -> Unknowns:
+    """Return the unknowns of a fit to these runs."""
+    values, scales, bounds = question.values(), question.scales(), question.search_range()
     every = tuple(range(len(runs)))
     found = [
         (Unknown(KEY, key, every, i, float(scales[i]), float(bounds[0, i]), float(bounds[1, i])), float(values[i]))
-        for i, key in enumerate(keyed.keys)
+        for i, key in enumerate(question.keys)
     ]
     for i, run in enumerate(runs):
         if run.begin_s is None:
-            found.append((Unknown(BEGIN, str(run.path), (i,), 0, TIME_SCALE_S, 0.0, longest_begin_s), 0.0))
+            found.append((Unknown(BEGIN, str(run.path), (i,), 0, TIME_SCALE_S, 0.0, question.longest_begin_s), 0.0))
     for place in range(len(runs[0].channels)):
         found += _of_channel(runs, place)
     start = np.array([value / unknown.scale for unknown, value in found])
@@ -202,11 +200,11 @@ class FitProblem:
     def __init__(
         self, model: ModelRuns, unknowns: Unknowns, priors: Mapping[str, tuple[float, float]] | None = None
     ) -> None:
-        self.model, self.unknowns = model, unknowns
+        self.model, self.question, self.unknowns = model, model.question, unknowns
         self._curvature: tuple[Array, float] | None = None  # where, and how large
         self.runs = model.runs
-        self.priors = {key: priors[key] for key in model.keyed.keys if priors and key in priors}
-        self._priors = [(model.keyed.keys.index(key), *prior) for key, prior in self.priors.items()]
+        self.priors = {key: priors[key] for key in self.question.keys if priors and key in priors}
+        self._priors = [(self.question.keys.index(key), *prior) for key, prior in self.priors.items()]
 
     def over(self, runs: Sequence[FitRun], near: Mapping[str, tuple[float, float]] | None = None) -> FitProblem:
         """Return the problem on other parts of its runs; ``near`` adds priors for keys without one."""
@@ -258,37 +256,51 @@ class FitProblem:
         ]
 
     def _off(self, x: Array, run: int, place: int, channel: FitChannel, curves: ColumnCurves) -> Array:
-        shown = self._shown(x, run, place, channel, curves)
-        off = channel.values - shown
+        inverse_gain = self.unknowns.value(x, GAIN, run, place, 1.0)
+        column = self._column(x, run, place, curves)
+        off = channel.values - (column * inverse_gain + self.unknowns.value(x, ZERO, run, place, 0.0))
         simulated = channel.times_s <= self.runs[run].until_s
         if channel.turns and simulated.any():
             off = off - TURN * np.round(np.median(off[simulated]) / TURN)
         return off
 
-    def _shown(self, x: Array, run: int, place: int, channel: FitChannel, curves: ColumnCurves) -> Array:
-        zero = self.unknowns.value(x, ZERO, run, place, 0.0)
-        inverse_gain = self.unknowns.value(x, GAIN, run, place, 1.0)
-        at = self._model_times(x, run, place)
-        if channel.of_events:
-            column, _ = self._event_values(x, run, channel, curves, at)
-        else:
-            column = curves.at(channel.name, at)
-        return column * inverse_gain + zero
+    def _column(
+        self, x: Array, run: int, place: int, curves: ColumnCurves, centre: ColumnCurves | None = None
+    ) -> Array:
+        """Return the column of a channel at its samples; events are matched as those of the simulation ``centre``."""
+        channel, at = self.runs[run].channels[place], self._model_times(x, run, place)
+        if not channel.of_events:
+            return curves.at(channel.name, at)
+        shown, times = self._event_values(x, run, channel, centre or curves, at)
+        return shown if centre is None else self._event_values(x, run, channel, curves, times, shown)[0]
 
     def _event_values(
-        self, x: Array, run: int, channel: FitChannel, curves: ColumnCurves, at_s: Array
+        self,
+        x: Array,
+        run: int,
+        channel: FitChannel,
+        curves: ColumnCurves,
+        at_s: Array,
+        otherwise: Array | None = None,
     ) -> tuple[Array, Array]:
-        """Return the values and times of the matched model events; without a match, measured plus a limit, and nan."""
+        """Return the values and times of the model events matched with instants, nan for no instant.
+
+        Without a match it is ``otherwise``, measured plus a limit if absent, and nan.
+        """
         every = curves.of_events(channel.kind, "time")
         begins = first_of_series(every, usual_spacing(channel.times_s))
         times, values = every[begins], curves.of_events(channel.kind, channel.field)[begins]
         values = values - self.begin(x, run) if channel.field == "time" else values
-        limit = SHARE * min(usual_spacing(channel.times_s), 1e3) if channel.field == "time" else np.std(channel.values)
-        found = matched(at_s, times)
+        if otherwise is None:
+            instants = channel.field == "time"
+            limit = SHARE * min(usual_spacing(channel.times_s), 1e3) if instants else np.std(channel.values)
+            otherwise = channel.values + limit
         if not len(times):
-            return channel.values + limit, np.full(len(at_s), np.nan)
+            return otherwise, np.full(len(at_s), np.nan)
+        known, found = np.isfinite(at_s), np.full(len(at_s), -1, dtype=np.int64)
+        found[known] = matched(at_s[known], times)
         hit = (found >= 0) & np.isfinite(values[found])
-        return np.where(hit, values[found], channel.values + limit), np.where(hit, times[found], np.nan)
+        return np.where(hit, values[found], otherwise), np.where(hit, times[found], np.nan)
 
     def prepare(self, points: Sequence[Array]) -> None:
         """Simulate a few points whose residuals will be asked for, on all cores."""
@@ -373,15 +385,13 @@ class FitProblem:
         curves = self.model.at(self.unknowns.keys(x))
         if curves is None:
             return found
-        at = self._model_times(x, run, place)
+        column = self._column(x, run, place, curves[run])[mask]
         inverse_gain = self.unknowns.value(x, GAIN, run, place, 1.0)
         if channel.of_events:
-            column = self._event_values(x, run, channel, curves[run], at)[0][mask]
             by_begin = inverse_gain * np.full(len(column), -1.0 if channel.field == "time" else 0.0)
             by_lag = np.zeros(len(column))
         else:
-            column = curves[run].at(channel.name, at[mask])
-            by_begin = inverse_gain * curves[run].slope(channel.name, at[mask])
+            by_begin = inverse_gain * curves[run].slope(channel.name, self._model_times(x, run, place)[mask])
             by_lag = -by_begin
         slopes = ((ZERO, np.ones(len(column))), (GAIN, column), (LAG, by_lag), (BEGIN, by_begin))
         for kind, slope in slopes:
@@ -465,36 +475,15 @@ class FitProblem:
         """Return the one-sided slopes of a channel in a run, for each side whose simulation succeeded."""
         (run, place), centre = at, members[1]
         mask, sigma = comparison.masks[run][place], comparison.sigmas[place]
-        middle = self._moved(x, run, place, centre[run], centre[run], mask)
+        inverse_gain = self.unknowns.value(x, GAIN, run, place, 1.0)
+        middle = inverse_gain * self._column(x, run, place, centre[run])[mask]
         return [
-            sign * (self._moved(x, run, place, member[run], centre[run], mask) - middle) / step / sigma
+            sign * (inverse_gain * self._column(x, run, place, member[run], centre[run])[mask] - middle) / step / sigma
             for sign, member in ((1.0, members[0]), (-1.0, members[2]))
             if member is not None
         ]
 
-    def _moved(self, x: Array, run: int, place: int, curves: ColumnCurves, centre: ColumnCurves, mask: Mask) -> Array:
-        """Return the prediction of a channel by a neighbouring simulation, events matched with those of the centre."""
-        channel, at = self.runs[run].channels[place], self._model_times(x, run, place)
-        inverse_gain = self.unknowns.value(x, GAIN, run, place, 1.0)
-        if not channel.of_events:
-            return inverse_gain * curves.at(channel.name, at[mask])
-        shown, times = self._event_values(x, run, channel, centre, at)
-        if curves is centre:
-            return inverse_gain * shown[mask]
-        own = curves.of_events(channel.kind, "time")
-        begins = first_of_series(own, usual_spacing(channel.times_s))
-        hit = np.isfinite(times)
-        next_to = np.full(len(times), -1, dtype=np.int64)
-        next_to[hit] = matched(times[hit], own[begins])
-        values = curves.of_events(channel.kind, channel.field)[begins]
-        if not len(values):
-            return inverse_gain * shown[mask]
-        values = values - self.begin(x, run) if channel.field == "time" else values
-        return inverse_gain * np.where(next_to >= 0, values[next_to], shown)[mask]
-
 
 def problem_of(question: IdentificationQuestion, runs: Sequence[FitRun]) -> FitProblem:
     """Return the fit problem of a question's keys on runs."""
-    keyed, longest_s = question.keyed, question.longest_begin_s
-    unknowns = unknowns_of(keyed, keyed.bounds(question.bounds), runs, longest_s)
-    return FitProblem(ModelRuns(keyed, runs, longest_s, question.cores), unknowns, question.priors)
+    return FitProblem(ModelRuns(question, runs), unknowns_of(question, runs), question.priors)

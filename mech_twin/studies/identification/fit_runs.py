@@ -29,7 +29,7 @@ from mech_twin.measurements.runs import MeasuredRun
 from mech_twin.measurements.sensors import event_values
 from mech_twin.measurements.units import EVENT, TURN, is_angle, is_event
 from mech_twin.parameters.load import catalogue_entry
-from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration, number_at
+from mech_twin.studies.identification.keyed_configuration import IdentificationQuestion, number_at
 from mech_twin.studies.named_rollouts import rollouts
 
 COMMANDS = ("motor.command", "linkage.command")
@@ -356,31 +356,23 @@ Curves = tuple[ColumnCurves, ...]
 class ModelRuns:
     """Simulations of a machine with the commands of measured runs, for comparison with them; the last are kept.
 
-    Parameters
-    ----------
-    longest_begin_s : float
-        Latest start of a run whose start is unknown, as time since the machine's start.
-    cores : int, optional
-        Threads; all cores if absent.
+    The machine and its free keys are those of the ``question``.
     """
 
-    def __init__(
-        self, keyed: KeyedConfiguration, runs: Sequence[FitRun], longest_begin_s: float = 0.0, cores: int | None = None
-    ) -> None:
-        keyed.check()
-        self.keyed, self.runs, self.rolled_out = keyed, tuple(runs), 0
-        self._cores, self._longest_begin_s = cores, longest_begin_s
+    def __init__(self, question: IdentificationQuestion, runs: Sequence[FitRun]) -> None:
+        question.check()
+        self.question, self.runs, self.rolled_out = question, tuple(runs), 0
         names = [channel.name for run in runs for channel in run.channels if not channel.of_events]
         self._columns = needed_columns(names)
         self._kept: dict[bytes, Curves | None] = {}
 
     def over(self, runs: Sequence[FitRun]) -> ModelRuns:
         """Return the same machine with other parts of the runs."""
-        return ModelRuns(self.keyed, runs, self._longest_begin_s, self._cores)
+        return ModelRuns(self.question, runs)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return the state to pickle: one thread, no simulations."""
-        return ModelRuns, (self.keyed, self.runs, self._longest_begin_s, 1)
+        return ModelRuns, (replace(self.question, cores=1), self.runs)
 
     def at(self, values: Array) -> Curves | None:
         """Return the columns of each run for these values of the keys; None if they are rejected or a run fails."""
@@ -408,27 +400,27 @@ class ModelRuns:
     @property
     def step_s(self) -> float:
         """The coupling step."""
-        return number_at(self.keyed.tree, "coupling.step_s", self.keyed.name)
+        return number_at(self.question.tree, "coupling.step_s", self.question.machine)
 
     def _rolled(self, run: FitRun, configured: Sequence[Parameters]) -> list[ColumnCurves | None]:
         if not configured:
             return []
-        begin_s = self._longest_begin_s if run.begin_s is None else run.begin_s
+        begin_s = self.question.longest_begin_s if run.begin_s is None else run.begin_s
         duration_s = max(run.end_s, 0.0) + begin_s + 2.0 * self.step_s
         command = run.command or 1.0
         self.rolled_out += len(configured)
         members: Iterable[RollOut]
-        if len(configured) == 1 or self._cores == 1:  # without the overhead of threads
-            entry = catalogue_entry(self.keyed.name)
+        if len(configured) == 1 or self.question.cores == 1:  # without the overhead of threads
+            entry = catalogue_entry(self.question.machine)
             members = [roll_out(entry.build(each), duration_s, self._columns, None, command) for each in configured]
         else:
             members = rollouts(
-                self.keyed.name,
+                self.question.machine,
                 duration_s,
                 list(configured),
                 columns=self._columns,
                 commands=[command] * len(configured),
-                cores=self._cores,
+                cores=self.question.cores,
             )
         return [None if member.error is not None else ColumnCurves(member) for member in members]
 
@@ -436,6 +428,6 @@ class ModelRuns:
         if not np.isfinite(values).all():
             return None
         try:
-            return self.keyed.parameters(values)
+            return self.question.parameters(values)
         except ConfigurationError:
             return None

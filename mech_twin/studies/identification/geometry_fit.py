@@ -75,7 +75,7 @@ LEAST_FIT_PERCENT = 90.0  # of a channel: with less, the mechanism is probably d
 class GeometryModel(KeyedConfiguration):
     """A machine whose joint positions are functions of its crank angle, with lengths as free keys."""
 
-    columns: tuple[str, ...]
+    columns: tuple[str, ...] = ()
 
     def positions(self, values: Sequence[float] | Array) -> Mapping[str, CubicSpline]:
         """Return each column as a periodic spline over the crank angle (rad).
@@ -85,9 +85,9 @@ class GeometryModel(KeyedConfiguration):
         ConfigurationError
             The values are rejected, or the joint positions are not functions of the crank angle.
         """
-        machine = catalogue_entry(self.name).build(self.parameters(values))
+        machine = catalogue_entry(self.machine).build(self.parameters(values))
         if not isinstance(machine.linkage, GuidedLinkage):
-            raise ConfigurationError(f"{self.name}: expected a machine whose joints follow from its crank")
+            raise ConfigurationError(f"{self.machine}: expected a machine whose joints follow from its crank")
         angles = np.linspace(0.0, TURN, ANGLES + 1)
         rows = [machine.linkage.guided(0, 0.0, CrankState(angle, 1.0, 0.0)).position for angle in angles.tolist()]
         places = [machine.linkage.joints.index(column.split(".")[1]) for column in self.columns]
@@ -102,7 +102,7 @@ class GeometryModel(KeyedConfiguration):
 def lengths(name: str, base: Parameters, columns: tuple[str, ...]) -> tuple[str, ...]:
     """Return the keys in metres that the positions in ``columns`` depend on."""
     metres = tuple(key for key in machine_keys(name, base) if unit_at(type(base), key) == "m")
-    return moving(GeometryModel(name, base, metres, columns)).keys
+    return moving(GeometryModel(name, base, metres, columns=columns)).keys
 
 
 def moving(model: GeometryModel) -> GeometryModel:
@@ -121,7 +121,7 @@ def assemblies(model: GeometryModel, fixed: Sequence[str] = ()) -> Iterator[tupl
         Keys that stay as configured.
     """
     yield {}, model
-    entry, base = catalogue_entry(model.name), type(model.base)
+    entry, base = catalogue_entry(model.machine), type(model.base)
     for key, value in leaves(model.tree):
         declared = declared_field(base, key)
         for other in get_args(declared.annotation) if declared is not None and key not in fixed else ():

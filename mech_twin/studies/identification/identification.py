@@ -161,7 +161,7 @@ def identified(
     fitted = around.fitted
     keys, combined = verdicts_of(question, around, chosen, known, search, progress)
     values = {key.key: key.estimate for key in keys if key.verdict in WRITTEN}  # the others keep their values
-    parameters = question.of(values).keyed.parameters(list(values.values())) if values else question.base
+    parameters = question.of(values).parameters(list(values.values())) if values else question.base
     progress("what was held out")
     held, before = _scores(question, parameters, fitted_runs, held_runs, later)
     return Identification(
@@ -253,7 +253,7 @@ def _fit_of_fewer(
         problem_of(question.of([question.keys[i] for i in chosen]), around.fitted.problem.runs),
     )
     fixed = [i for i in range(len(question.keys)) if i not in chosen]
-    before = question.keyed.values() / whole.problem.unknowns.scales[: len(question.keys)]
+    before = question.values() / whole.problem.unknowns.scales[: len(question.keys)]
     refits, follows = Refits(whole, around.line), ~np.isin(np.arange(len(whole.x)), fixed)
     equal = refits.with_held(fixed, before[fixed], follows, [refits.fit]).x
     start = carried_over(around.fitted, problem.unknowns)
@@ -289,7 +289,7 @@ def sensitivity_at(problem: FitProblem, x: Array) -> Sensitivity:
 
 def around_fit(question: IdentificationQuestion, fitted: Fitted) -> AroundFit:
     """Return derivatives by all free keys at the end of a fit of some of them."""
-    base = fitted.problem.model.keyed.parameters(fitted.key_values)
+    base = fitted.problem.question.parameters(fitted.key_values)
     problem = problem_of(replace(question, base=base), fitted.problem.runs)
     whole = Fitted(problem, carried_over(fitted, problem.unknowns), fitted.comparison)
     line, places = linearised(whole), problem.unknowns.places(KEY)
@@ -397,7 +397,7 @@ def combined(
     """
     names, families, count = question.keys, [], len(question.keys)
     scales = refits.problem.unknowns.scales[:count]
-    bounds = question.keyed.bounds(question.bounds) / scales
+    bounds = question.search_range() / scales
     follows = ~np.isin(np.arange(len(refits.x)), [i for i in range(count) if i not in chosen])
     for group in seen.groups():
         fixed, fitted = [i for i in group if i not in chosen], [i for i in group if i in chosen]
@@ -421,15 +421,14 @@ def verdicts_of(
     """Return the verdict on each free key, and the identifiable combinations."""
     count, seen = len(question.keys), around.seen
     scales = around.whole.problem.unknowns.scales[:count]
-    keyed, fitted = question.keyed, around.fitted
-    before = keyed.values()
+    fitted, before = around.fitted, question.values()
     estimates, errors = before.copy(), np.full(count, np.nan)
     halves, given = np.full((2, count), np.inf), np.full((2, count), np.inf)
     own, places = slice(len(chosen)), list(chosen)
     sizes = fitted.problem.unknowns.scales[own]
     estimates[places], errors[places] = fitted.key_values, known.errors[own] * sizes
     halves[:, places], given[:, places] = known.half_widths[:, own] * sizes, known.given_tied[:, own] * sizes
-    around_it = (question, fitted, around.whole, around.line)
+    around_it = (fitted, around.whole, around.line)
     lacking, found = refutation(fitted, agreed=search.agreed or search.starts == 1), list[Combination]()
     if lacking is None:
         found = combined(question, Refits(around.whole, around.line), seen, chosen, given, progress)
@@ -437,7 +436,7 @@ def verdicts_of(
         lacking += likely_cause(*around_it, is_refuted=True)
     fixed = frozenset(set(range(count)) - set(chosen))
     evidence = KeyEvidence(
-        *(question.keys, before, estimates, errors, halves, keyed.bounds(question.bounds)),
+        *(question.keys, before, estimates, errors, halves, question.search_range()),
         *(scales, seen, fixed, refuted(lacking, search), found),
     )
     doubt = likely_cause(*around_it, is_refuted=False) if lacking is None else ""

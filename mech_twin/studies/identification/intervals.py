@@ -32,7 +32,7 @@ from scipy.linalg import matmul_toeplitz
 from scipy.signal import lfilter, lfiltic
 
 from mech_twin.measurements.blocks import Array
-from mech_twin.studies.burg import best_order
+from mech_twin.studies.burg import BurgOrder, best_order
 from mech_twin.studies.identification.fit_quality import Fitted
 from mech_twin.studies.identification.keyed_configuration import IdentificationQuestion
 from mech_twin.studies.identification.staged_fit import robust_weights
@@ -49,51 +49,28 @@ LEAST_LEFT = 1e-8  # of the variance: residuals that are predicted better are no
 FEWEST = 20  # residuals of a channel; fewer do not determine an autoregression
 
 
-@dataclass(frozen=True)
-class Autoregression:
-    """An autoregression of order p.
+def autoregression(residuals: Array) -> BurgOrder:
+    """Return the autoregression of residuals in order of time, by Burg's recursion; order 0 for too few.
 
-    Attributes
-    ----------
-    coefficients : ndarray
-        Shape (p,): x_t = sum_i coefficients[i - 1] x_(t-i) + innovation.
-    first : ndarray
-        Shape (p + 1,): correlations at lags 0 to p.
+    A first order is corrected for the bias of a short series.
     """
-
-    coefficients: Array
-    first: Array
-
-    def correlations(self, count: int) -> Array:
-        """Return the correlations at lags 0 to ``count`` - 1."""
-        order = len(self.coefficients)
-        if order == 0 or count <= order + 1:
-            found = np.zeros(count)
-            found[: order + 1] = self.first[:count]
-            return found
-        poles = np.concatenate([[1.0], -self.coefficients])
-        state = lfiltic([1.0], poles, self.first[:0:-1])
-        rest, _ = lfilter([1.0], poles, np.zeros(count - order - 1), zi=state)
-        return np.concatenate([self.first, rest])
-
-
-def autoregression(residuals: Array) -> Autoregression:
-    """Return the autoregression of residuals in order of time, by Burg's recursion; order 0 for too few."""
     count = len(residuals)
-    if count < FEWEST or not residuals.any():
-        return Autoregression(np.zeros(0), np.ones(1))
-    best = best_order([residuals[:, None]], MOST_ORDER, LEAST_LEFT)
-    found = Autoregression(best.coefficients[:, 0], best.correlations[:, 0])
-    return _corrected(found, count) if len(found.coefficients) == 1 else found
-
-
-def _corrected(found: Autoregression, count: int) -> Autoregression:
-    """Return a first-order autoregression corrected for the bias of a series of this length."""
-    near = float(found.coefficients[0])
-    if near <= 0.0:
+    found = best_order([residuals[:, None]], MOST_ORDER if count >= FEWEST and residuals.any() else 0, LEAST_LEFT)
+    if len(found.coefficients) != 1 or found.coefficients[0, 0] <= 0.0:
         return found
+    near = float(found.coefficients[0, 0])
     near = max(near, min(near + (1.0 + 3.0 * near) / count, LONGEST))
-    return Autoregression(np.array([near]), np.array([1.0, near]))
+    return replace(found, coefficients=np.array([[near]]), correlations=np.array([[1.0], [near]]))
+
+
+def correlations(found: BurgOrder, count: int) -> Array:
+    """Return the correlations of an autoregression of one series at lags 0 to ``count`` - 1."""
+    coefficients, first = found.coefficients[:, 0], found.correlations[:, 0]
+    if count <= len(first):
+        return first[:count]
+    poles = np.concatenate([[1.0], -coefficients])
+    rest, _ = lfilter([1.0], poles, np.zeros(count - len(first)), zi=lfiltic([1.0], poles, first[:0:-1]))
+    return np.concatenate([first, rest])
 
 
 def remembered_noise(jacobian: Array, residuals: Array, channels: npt.NDArray[np.int64]) -> tuple[Array, float]:
@@ -114,10 +91,10 @@ def remembered_noise(jacobian: Array, residuals: Array, channels: npt.NDArray[np
         rows = channels == channel
         own, shown = jacobian[rows], residuals[rows]
         count = len(shown)
-        correlations = autoregression(shown).correlations(count)
-        middle = middle + float(shown @ shown) / count * (own.T @ matmul_toeplitz(correlations, own))
-        alike = 1.0 + 2.0 * float((1.0 - np.arange(1, count) / count) @ correlations[1:])
-        samples += count / max(alike, 1.0)
+        alike = correlations(autoregression(shown), count)
+        middle = middle + float(shown @ shown) / count * (own.T @ matmul_toeplitz(alike, own))
+        repeated = 1.0 + 2.0 * float((1.0 - np.arange(1, count) / count) @ alike[1:])
+        samples += count / max(repeated, 1.0)
     return middle, samples
 
 
@@ -313,6 +290,6 @@ def _jackknife(found: Linearised, labels: npt.NDArray[np.int64], most_leverage: 
 
 def intervals_before(asked: IdentificationQuestion) -> dict[str, tuple[float, float]]:
     """Return the prior knowledge of each free key: the 95 % interval of its prior, else its search bounds."""
-    bounds = asked.keyed.bounds(asked.bounds)
+    bounds = asked.search_range()
     priors = {key: (mean - NORMAL * sd, mean + NORMAL * sd) for key, (mean, sd) in asked.priors.items()}
     return {**{key: (float(low), float(high)) for key, low, high in zip(asked.keys, *bounds, strict=True)}, **priors}

@@ -147,11 +147,14 @@ class KeyedConfiguration:
         Configuration with the values of all keys that are not free.
     keys : tuple of str
         Free keys, dotted.
+    bounds : mapping
+        Lower and upper bounds of some keys.
     """
 
-    name: str
+    machine: str
     base: Parameters
     keys: tuple[str, ...]
+    bounds: Mapping[str, tuple[Annotated[float, -np.inf], Annotated[float, np.inf]]] = field(default_factory=dict)
 
     @cached_property
     def tree(self) -> dict[str, Any]:
@@ -217,7 +220,7 @@ class KeyedConfiguration:
 
     def configured(self, tree: Mapping[str, Any], changed: Mapping[str, float]) -> Parameters:
         """Return the parameters of a tree with some keys changed."""
-        return validated(catalogue_entry(self.name), merged_tree(tree, tree_from_flat(changed)), self.name)
+        return validated(catalogue_entry(self.machine), merged_tree(tree, tree_from_flat(changed)), self.machine)
 
     def check(self) -> None:
         """Raise a ConfigurationError if a key is unknown, or cannot be changed."""
@@ -232,7 +235,7 @@ class KeyedConfiguration:
         ConfigurationError
             A key is unknown or not a number.
         """
-        return np.array([number_at(self.tree, key, self.name) for key in self.keys])
+        return np.array([number_at(self.tree, key, self.machine) for key in self.keys])
 
     def parameters(self, values: Sequence[float] | Array) -> Parameters:
         """Return the configuration with these values of the free keys.
@@ -244,19 +247,19 @@ class KeyedConfiguration:
         """
         flat = dict(zip(self.keys, map(float, values), strict=True))
         tree = merged_tree(self.acting, tree_from_flat(flat, "--free"))
-        return validated(catalogue_entry(self.name), tree, f"{self.name} with --free {', '.join(self.keys)}")
+        return validated(catalogue_entry(self.machine), tree, f"{self.machine} with --free {', '.join(self.keys)}")
 
     def scales(self) -> Array:
         """Return the scale of each key, shape (keys,): its magnitude; for 0, a share of the largest in its unit."""
         return np.array([_scale(self.tree, self.base, key) for key in self.keys])
 
-    def bounds(self, given: Mapping[str, tuple[float, float]] | None = None) -> Array:
-        """Return lower and upper bounds, shape (2, keys): as given, else the search range; within the declared ones."""
+    def search_range(self) -> Array:
+        """Return where keys are searched, shape (2, keys): their bounds, else a wide range, within the declared."""
         found = []
         for key, value in zip(self.keys, self.values().tolist(), strict=True):
             low, high = declared_bounds(type(self.base), key)
-            if given and key in given:
-                low, high = max(low, given[key][0]), min(high, given[key][1])
+            if key in self.bounds:
+                low, high = max(low, self.bounds[key][0]), min(high, self.bounds[key][1])
             elif value > 0.0:
                 low, high = max(low, value / SEARCHED), min(high, value * SEARCHED)
             elif value < 0.0:
@@ -270,17 +273,13 @@ class KeyedConfiguration:
 
 
 @dataclass(frozen=True)
-class IdentificationQuestion:
+class IdentificationQuestion(KeyedConfiguration):
     """Specification of a fit: machine, free keys, and what is known of them.
+
+    Keys that are not estimated keep the values of ``base``.
 
     Attributes
     ----------
-    base : Parameters
-        Configuration to start from; keys that are not estimated keep its values.
-    keys : tuple of str
-        Keys that may change.
-    bounds : mapping
-        Lower and upper bounds of some keys.
     priors : mapping
         Mean and standard deviation of some keys.
     longest_begin_s : float
@@ -293,20 +292,11 @@ class IdentificationQuestion:
         Address of a Dask scheduler that distributes starts and profiles.
     """
 
-    machine: str
-    base: Parameters
-    keys: tuple[str, ...]
-    bounds: Mapping[str, tuple[Annotated[float, -np.inf], Annotated[float, np.inf]]] = field(default_factory=dict)
     priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     longest_begin_s: float = 0.0
     seed: int = 0
     cores: int | None = None
     scheduler: str | None = None
-
-    @property
-    def keyed(self) -> KeyedConfiguration:
-        """The configuration as a function of the keys."""
-        return KeyedConfiguration(self.machine, self.base, self.keys)
 
     def of(self, keys: Iterable[str]) -> IdentificationQuestion:
         """Return the same question about some of the keys, the others fixed as configured."""

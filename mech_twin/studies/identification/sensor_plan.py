@@ -233,7 +233,7 @@ def _verdicts(
     own = np.sqrt(np.diag(inverse_information(line.jacobian[:, kept])))
     errors[chosen] = own[: len(chosen)] * unknowns.scales[chosen]
     halves[chosen] = errors[chosen] * student
-    values, no_bounds = question.keyed.values(), np.tile([[-np.inf], [np.inf]], count)
+    values, no_bounds = question.values(), np.tile([[-np.inf], [np.inf]], count)
     fixed = frozenset(set(range(count)) - set(chosen))
     both = np.array([halves, halves])
     found: list[Combination] = []
@@ -277,7 +277,7 @@ def _manoeuvres(question: IdentificationQuestion, duration_s: float) -> list[tup
         (question, _planned("speed step to 0.6 at half time", (0.0, 1.0), (half, 0.6))),
         (question, _planned("supply off at half time", (0.0, 1.0), (half, 0.0))),
     ]
-    tree = question.keyed.tree
+    tree = question.tree
     if tree.get("supply", {}).get("initial_fraction"):
         changed = merged_tree(tree, {"supply": {"initial_fraction": 0.0}})
         started = validated(catalogue_entry(question.machine), changed, "a start from rest")

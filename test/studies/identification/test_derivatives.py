@@ -17,9 +17,9 @@ from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.measurements.runs import read_run
 from mech_twin.measurements.tables import TableReader
 from mech_twin.parameters.load import machine_parameters
-from mech_twin.studies.identification.fit_problem import FitProblem, unknowns_of
-from mech_twin.studies.identification.fit_runs import ModelRuns, fit_run
-from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
+from mech_twin.studies.identification.fit_problem import problem_of
+from mech_twin.studies.identification.fit_runs import fit_run
+from mech_twin.studies.identification.keyed_configuration import IdentificationQuestion
 
 DIGITS, APART = 60, 25  # the reference moves a key by so small a part of itself: 10 to this power
 EXACT = 1e-8  # of the largest derivative by the key
@@ -211,9 +211,8 @@ def test_derivatives_through_impacts_are_those_of_sixty_digits(case: str, tmp_pa
         }
     )
     run = fit_run(read_run(TableReader(tmp_path / "run.csv"), given), begin_known=True)
-    keyed = KeyedConfiguration(machine, machine_parameters(machine), tuple(keys))
-    unknowns = unknowns_of(keyed, keyed.bounds(), [run])
-    problem = FitProblem(ModelRuns(keyed, [run], cores=1), unknowns)
+    problem = problem_of(IdentificationQuestion(machine, machine_parameters(machine), tuple(keys), cores=1), [run])
+    unknowns = problem.unknowns
     comparison = problem.comparison(unknowns.start, np.array([1.0]))
     found = -problem.two_jacobians(unknowns.start, comparison)[0]
     told = found.any(axis=1)

@@ -168,7 +168,7 @@ def test_the_interval_of_few_runs_is_wider() -> None:
 
 def test_positions_by_the_spline_are_those_of_the_mechanism() -> None:
     parameters = machine_parameters(MACHINE)
-    model = GeometryModel(MACHINE, parameters, ("crank_m",), ("linkage.slider.position",))
+    model = GeometryModel(MACHINE, parameters, ("crank_m",), columns=("linkage.slider.position",))
     curve = model.positions([0.11])["linkage.slider.position"]
     angle = np.linspace(-9.0, 9.0, 500)
     exact = 0.11 * np.sin(angle) + np.sqrt(0.504**2 - (0.11 * np.cos(angle)) ** 2)
@@ -178,6 +178,6 @@ def test_positions_by_the_spline_are_those_of_the_mechanism() -> None:
 
 
 def test_a_machine_whose_joints_do_not_follow_its_crank_is_refused() -> None:
-    model = GeometryModel("roller_former", machine_parameters("roller_former"), (), ("linkage.crank.position",))
+    model = GeometryModel("roller_former", machine_parameters("roller_former"), (), columns=("linkage.crank.position",))
     with pytest.raises(ConfigurationError, match="follow from its crank"):
         model.positions([])

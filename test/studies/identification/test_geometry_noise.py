@@ -28,7 +28,7 @@ SAMPLES = 400
 
 
 def model(*keys: str) -> GeometryModel:
-    return GeometryModel(MACHINE, machine_parameters(MACHINE), keys, (PLATE, PENDULUM))
+    return GeometryModel(MACHINE, machine_parameters(MACHINE), keys, columns=(PLATE, PENDULUM))
 
 
 def measured(seed: int, sigmas: tuple[float, float]) -> GeometryData:

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy.linalg import toeplitz
 
-from mech_twin.studies.identification.intervals import FEWEST, Autoregression, autoregression, remembered_noise
+from mech_twin.studies.burg import BurgOrder
+from mech_twin.studies.identification.intervals import FEWEST, autoregression, correlations, remembered_noise
 
 
 def series(coefficients: tuple[float, ...], count: int, seed: int) -> np.ndarray:
@@ -33,7 +34,7 @@ def test_correlations_go_on_by_their_recursion(coefficients: tuple[float, ...]) 
             else:
                 system[row, abs(h - i) - 1] += a
     first = np.concatenate([[1.0], np.linalg.solve(np.eye(order) - system, right)])
-    found = Autoregression(np.array(coefficients), first).correlations(40)
+    found = correlations(BurgOrder(np.array(coefficients)[:, None], first[:, None], np.ones(1)), 40)
     expected = first.tolist()
     for h in range(order + 1, 40):
         expected.append(sum(a * expected[h - i] for i, a in zip(lags, coefficients, strict=True)))
@@ -44,13 +45,13 @@ def test_correlations_go_on_by_their_recursion(coefficients: tuple[float, ...]) 
 def test_the_correlations_of_a_long_series_are_found(coefficients: tuple[float, ...]) -> None:
     shown = series(coefficients, 40_000, 3)
     counted = [float(shown[h:] @ shown[: len(shown) - h]) / float(shown @ shown) for h in range(12)]
-    np.testing.assert_allclose(autoregression(shown).correlations(12), counted, atol=0.02)
+    np.testing.assert_allclose(correlations(autoregression(shown), 12), counted, atol=0.02)
 
 
 def test_the_memory_of_short_series_is_right_in_the_mean() -> None:
     """Uncorrected it is 0.02 too small at 150 samples, which is a tenth of the variance of their mean."""
     found = [autoregression(series((0.8,), 150, seed)) for seed in range(300)]
-    first = [each.first[1] for each in found if len(each.coefficients) == 1]
+    first = [float(each.correlations[1, 0]) for each in found if len(each.coefficients) == 1]
     assert len(first) > 250
     assert np.mean(first) == pytest.approx(0.8, abs=0.012)
 
@@ -63,7 +64,15 @@ def test_white_noise_mostly_has_no_memory() -> None:
 @pytest.mark.parametrize("residuals", [np.zeros(100), np.ones(FEWEST - 1), np.ones(FEWEST)])
 def test_what_tells_no_memory_has_none(residuals: np.ndarray) -> None:
     assert len(autoregression(residuals).coefficients) == 0
-    np.testing.assert_array_equal(autoregression(residuals).correlations(3), [1.0, 0.0, 0.0])
+    np.testing.assert_array_equal(correlations(autoregression(residuals), 3), [1.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("coefficients", [(), (0.8,)])
+def test_no_more_correlations_are_told_than_asked_for(coefficients: tuple[float, ...]) -> None:
+    """A channel of events may have a single one."""
+    found = autoregression(series(coefficients, 400, 3))
+    for count in (1, 2):
+        np.testing.assert_array_equal(correlations(found, count), correlations(found, 9)[:count])
 
 
 def test_the_middle_is_that_of_the_whole_matrix_of_correlations_and_a_prior_counts_with_its_own_variance() -> None:
@@ -74,7 +83,7 @@ def test_the_middle_is_that_of_the_whole_matrix_of_correlations_and_a_prior_coun
     expected = jacobian[-2:].T @ jacobian[-2:]
     for channel in (0, 1):
         own, shown = jacobian[channels == channel], residuals[channels == channel]
-        expected += np.mean(shown**2) * own.T @ toeplitz(autoregression(shown).correlations(len(shown))) @ own
+        expected += np.mean(shown**2) * own.T @ toeplitz(correlations(autoregression(shown), len(shown))) @ own
     np.testing.assert_allclose(remembered_noise(jacobian, residuals, channels)[0], expected, rtol=1e-10)
 
 
