@@ -98,6 +98,10 @@ class GeometryModel(KeyedConfiguration):
             found[column] = CubicSpline(angles, curve, bc_type="periodic")
         return found
 
+    def fixed(self, values: Array) -> GeometryModel:
+        """Return the machine with these values of the keys, none of them free."""
+        return replace(self, base=self.parameters(values), keys=())
+
 
 def lengths(name: str, base: Parameters, columns: tuple[str, ...]) -> tuple[str, ...]:
     """Return the keys in metres that the positions in ``columns`` depend on."""
@@ -206,23 +210,13 @@ class GeometryProblem:
 
     Parameters
     ----------
-    fixed_keys : ndarray, optional
-        Fixed values of all keys; then only zeros and lags are fitted.
     weights : ndarray, optional
         Shape (channels,): of residuals over the standard deviation of their channel; 1 if absent.
     """
 
-    def __init__(
-        self,
-        model: GeometryModel,
-        runs: Sequence[GeometryData],
-        fixed_keys: Array | None = None,
-        weights: Array | None = None,
-    ) -> None:
+    def __init__(self, model: GeometryModel, runs: Sequence[GeometryData], weights: Array | None = None) -> None:
         self._model, self._runs = model, tuple(runs)
         self._curves = lru_cache(maxsize=KEPT)(self._positions)
-        self._start = model.values() if fixed_keys is None else fixed_keys
-        self._fitted = len(model.keys) if fixed_keys is None else 0
         self._zeros = len(runs) if any(run.crank_zero == PER_RUN for run in runs) else 1
         if not any(isinstance(run.crank_zero, str) for run in runs):
             self._zeros = 0
@@ -254,13 +248,12 @@ class GeometryProblem:
         return np.where(start > 0.0, start, max(float(start.max(initial=0.0)), 1e-3))
 
     def _first(self, zero: float) -> Array:
-        keys = self._start[: self._fitted] / self.key_scale()[: self._fitted] - 1.0
+        keys = self._model.values() / self.key_scale() - 1.0
         return np.concatenate([keys, np.full(self._zeros, zero), np.zeros(len(self._lag_places))])
 
     def _unpacked(self, x: Array) -> tuple[Array, Array, Array]:
-        n = self._fitted
-        keys = (x[:n] + 1.0) * self.key_scale() if n else self._start
-        return keys, x[n : n + self._zeros], x[n + self._zeros :] * LAG_SCALE_S
+        n = len(self._model.keys)
+        return (x[:n] + 1.0) * self.key_scale(), x[n : n + self._zeros], x[n + self._zeros :] * LAG_SCALE_S
 
     def _least_squares(self, start: Array, *, coarse: bool) -> Any:
         return least_squares(lambda x: self._residuals(x, coarse), start, x_scale="jac", max_nfev=EVALUATIONS)
@@ -443,7 +436,7 @@ def geometry_report(
         _keys(asked, model, fit, errors, half_width(errors, len(runs))),
         fits,
         tuple(fit.lags_s.tolist()),
-        () if held_out is None else _scores((model, configured), held_out, assembly.sense, fit.keys, names),
+        () if held_out is None else _scores((model.fixed(fit.keys), configured), held_out, assembly.sense, names),
         assembly,
     )
     return report, replace(model, keys=asked.keys)
@@ -486,9 +479,9 @@ def _misfit(fit: GeometryFit) -> float | None:
 
 
 def _scores(
-    models: tuple[GeometryModel, GeometryModel], held_out: GeometryData, sense: int, keys: Array, names: Sequence[str]
+    models: tuple[GeometryModel, GeometryModel], held_out: GeometryData, sense: int, names: Sequence[str]
 ) -> tuple[HeldOut, ...]:
     found, configured = models
-    after = GeometryProblem(found, [held_out.turning(sense)], keys).solved()
-    before = GeometryProblem(configured, [held_out], configured.values()).solved()
+    after = GeometryProblem(found, [held_out.turning(sense)]).solved()
+    before = GeometryProblem(configured.fixed(configured.values()), [held_out]).solved()
     return tuple(HeldOut(name, after.percent(0, i), before.percent(0, i)) for i, name in enumerate(names))

@@ -5,15 +5,16 @@ The derivatives have the rows of a real fit: sensors at their rates, divided by 
 rows, a manoeuvre replaces the run.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 from scipy import stats
 
 from mech_twin.declarations.configuration_tree import ConfigurationError, merged_tree
-from mech_twin.engine.rollout import column_names, roll_out
+from mech_twin.engine.rollout import RollOut, column_names, roll_out
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap
 from mech_twin.measurements.units import joint_column
 from mech_twin.parameters.load import catalogue_entry, validated
@@ -89,14 +90,15 @@ def sensor_plan(
     ConfigurationError
         A sensor has neither ``sigma`` nor ``quantum``: without noise, everything would be identified.
     """
-    channels = (opened or sensors).channels
+    pairs = zip((opened or sensors).channels, sensors.channels, strict=True)
+    channels = [channel.model_copy(update={"rate_hz": own.rate_hz, "drop": own.drop}) for channel, own in pairs]
     noises = [_noise(channel, place) for place, channel in enumerate(sensors.channels)]
-    samples = _sampled(question, _planned("as it is"), channels, sensors.channels, noises, duration_s)
-    keys, combined = _verdicts(_Derived(question, samples), together=True)
+    samples = _sampled(question, _planned("as it is"), channels, noises, duration_s)
+    keys, combined = _verdicts(_derivatives(question, samples), together=True)
     found = sensor_helps(question, samples, duration_s) if helps else []
     shown, noises = [each.channel for each in samples.channels], [each.noise for each in samples.channels]
     for asked, run in _manoeuvres(question, duration_s) if helps else ():
-        other, _ = _verdicts(_Derived(asked, _sampled(asked, run, shown, shown, noises, duration_s)))
+        other, _ = _verdicts(_derivatives(asked, _sampled(asked, run, shown, noises, duration_s)))
         found.append(_help(str(run.path), keys, other))
     return SensorPlan(tuple(keys), tuple(combined), tuple(_best_first(found)))
 
@@ -110,11 +112,11 @@ def sensor_helps(question: IdentificationQuestion, samples: FitRun, duration_s: 
         The run as sampled by the sensors, with their noise.
     """
     added = _further_sensors(question, samples, duration_s)
-    derived = _Derived(question, replace(samples, channels=(*samples.channels, *added)))
+    over = _derivatives(question, replace(samples, channels=(*samples.channels, *added)))
     count = len(samples.channels)
-    before, _ = _verdicts(derived, range(count))
+    before, _ = _verdicts(over, range(count))
     found = [
-        _help(f"sensor {channel.name}", before, _verdicts(derived, (*range(count), count + i))[0])
+        _help(f"sensor {channel.name}", before, _verdicts(over, (*range(count), count + i))[0])
         for i, channel in enumerate(added)
     ]
     return _best_first(found)
@@ -150,27 +152,28 @@ def _sampled(
     question: IdentificationQuestion,
     run: FitRun,
     channels: Sequence[Channel],
-    sensors: Sequence[Channel],
     noises: Sequence[float],
     duration_s: float,
 ) -> FitRun:
     """Return the run as sampled by the sensors: their instants, and the model's values."""
     machine = catalogue_entry(question.machine).build(question.base)
     rolled = roll_out(machine, duration_s, command=run.command or 1.0)
-    found = []
-    for channel, sensor, noise in zip(channels, sensors, noises, strict=True):
-        parts = channel.quantity.split(".")
-        if parts[0] == "event":
-            events = rolled.event_numbers
-            times = events.time_s[events.kind == parts[1]]
-            values = times if parts[2] == "time" else np.linspace(-1.0, 1.0, len(times))
-        else:
-            rate = sensor.rate_hz or 1.0 / machine.coupling_step_s
-            times = np.arange(0.0, duration_s, 1.0 / rate)
-            times = times[: len(times) - round(sensor.drop * len(times))] if sensor.drop else times
-            values = np.interp(times, rolled["time_s"], rolled[channel.quantity])
-        found.append(FitChannel(channel, times, values, noise))
+    pairs = zip(channels, noises, strict=True)
+    found = [_shown(rolled, channel, noise, duration_s, machine.coupling_step_s) for channel, noise in pairs]
     return replace(run, channels=tuple(each for each in found if len(each.times_s)))
+
+
+def _shown(rolled: RollOut, channel: Channel, noise: float, duration_s: float, step_s: float) -> FitChannel:
+    """Return the samples of a sensor in a simulation, without its noise."""
+    parts = channel.quantity.split(".")
+    if parts[0] == "event":
+        times = rolled.event_numbers.time_s[rolled.event_numbers.kind == parts[1]]
+        values = times if parts[2] == "time" else np.linspace(-1.0, 1.0, len(times))
+    else:
+        times = np.arange(0.0, duration_s, 1.0 / (channel.rate_hz or 1.0 / step_s))
+        times = times[: len(times) - round(channel.drop * len(times))] if channel.drop else times
+        values = np.interp(times, rolled["time_s"], rolled[channel.quantity])
+    return FitChannel(channel, times, values, noise)
 
 
 def _as_shown(fitted: Fitted) -> Fitted:
@@ -187,44 +190,43 @@ def _as_shown(fitted: Fitted) -> Fitted:
     return replace(fitted, problem=fitted.problem.over(runs))
 
 
-class _Derived:
-    """Derivatives by the keys of a planned run, cached for each initial share of it."""
+Derivatives = Callable[[float], tuple[Fitted, Linearised]]
 
-    def __init__(self, question: IdentificationQuestion, samples: FitRun) -> None:
-        self.question, self._samples = question, samples
-        self._known: dict[float, tuple[Fitted, Linearised]] = {}
 
-    def over(self, share: float) -> tuple[Fitted, Linearised]:
-        """Return the model as configured over an initial share of the run, and derivatives there."""
-        if share not in self._known:
-            part = self._samples.within(-np.inf, np.inf).first_share(share)
-            problem, sigmas = problem_of(self.question, [part]), np.array([channel.noise for channel in part.channels])
-            x = problem.unknowns.start
-            fitted = Fitted(problem, x, problem.comparison(x, sigmas))
-            jacobian, other = problem.two_jacobians(x, fitted.comparison)
-            counts = [int(mask.sum()) for mask in fitted.comparison.masks[0]]
-            rows = np.repeat([*range(len(counts)), -1], [*counts, len(jacobian) - sum(counts)])  # priors at the end
-            self._known[share] = fitted, Linearised(jacobian, other, np.zeros(len(rows)), rows, rows, rows)
-        return self._known[share]
+def _derivatives(question: IdentificationQuestion, samples: FitRun) -> Derivatives:
+    """Return what gives the model as configured over an initial share of a planned run, and derivatives there."""
+
+    @cache
+    def over(share: float) -> tuple[Fitted, Linearised]:
+        part = samples.within(-np.inf, np.inf).first_share(share)
+        problem, sigmas = problem_of(question, [part]), np.array([channel.noise for channel in part.channels])
+        x = problem.unknowns.start
+        fitted = Fitted(problem, x, problem.comparison(x, sigmas))
+        jacobian, other = problem.two_jacobians(x, fitted.comparison)
+        counts = [int(mask.sum()) for mask in fitted.comparison.masks[0]]
+        rows = np.repeat([*range(len(counts)), -1], [*counts, len(jacobian) - sum(counts)])  # priors at the end
+        return fitted, Linearised(jacobian, other, np.zeros(len(rows)), rows, rows, rows)
+
+    return over
 
 
 def _verdicts(
-    derived: _Derived, channels: Sequence[int] | None = None, *, together: bool = False
+    over: Derivatives, channels: Sequence[int] | None = None, *, together: bool = False
 ) -> tuple[list[KeyVerdict], list[Combination]]:
     """Return the expected verdicts, over the longest initial share of the run with reliable derivatives.
 
     ``channels`` are the indices of the channels used, all if absent.  ``together``: also the identifiable combinations
     of keys.
     """
-    question = derived.question
     for share in (1.0, *PREDICTABLE, 1.0):  # the whole run in any case, if no derivatives are reliable
-        fitted, line = derived.over(share)
+        fitted, line = over(share)
         line = line if channels is None else line.of_channels(channels)
         unknowns = fitted.problem.unknowns
         places = unknowns.places(KEY)
         seen = sensitivity(line.jacobian, line.other, places, fitted.x[places])
         if not seen.contradicted:
             break
+    question = fitted.problem.question
     count = len(question.keys)
     chosen = seen.estimated(range(count))
     kept = np.concatenate([np.array(chosen, dtype=np.intp), unknowns.places(BEGIN, ZERO, GAIN, LAG)])
@@ -259,9 +261,7 @@ def _further_sensors(question: IdentificationQuestion, samples: FitRun, duration
         if swing <= 0.0:
             continue
         channel = Channel.model_validate({"source": {"column": column}, "is": column, "rate_hz": ADDED_RATE_HZ})
-        times = np.arange(0.0, duration_s, 1.0 / ADDED_RATE_HZ)
-        values = np.interp(times, rolled["time_s"], rolled[column])
-        found.append(FitChannel(channel, times, values, ADDED_NOISE * swing))
+        found.append(_shown(rolled, channel, ADDED_NOISE * swing, duration_s, machine.coupling_step_s))
     return found
 
 
