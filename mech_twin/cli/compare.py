@@ -27,6 +27,7 @@ from mech_twin.parameters.load import file_tree, machine_of_prefix
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.roles import Machine
 from mech_twin.samples import Drawing, Frame
+from mech_twin.studies.resimulation import ConfigurationHistory
 from mech_twin.studies.run_comparison import (
     ComparedRun,
     Comparison,
@@ -83,17 +84,20 @@ def _compared(
 ) -> tuple[list[ComparedRun], Comparison]:
     """Return both sides, each seen as it is read or computed, and what differs; their samples if they are shown."""
     sees: list[See] = [lambda machine, frame: None] * 2 if overlay is None else [overlay.first.see, overlay.second.see]
-    are_recorded = [name not in CATALOGUE and Path(name).suffix not in YAML_SUFFIXES for name in names]
-    require_one_machine(names, [_machine_name(name, at) for name, at in zip(names, are_recorded, strict=True)])
-    request = zip(are_recorded, names, sees, strict=True)
-    recorded = [_recorded(Path(name), see, shown) if is_recorded else None for is_recorded, name, see in request]
-    if duration_s is not None and None not in recorded:
+    sides = [_Side(name, see, shown) for name, see in zip(names, sees, strict=True)]
+    require_one_machine(names, [side.machine.name for side in sides])
+    recorded = [side for side in sides if side.history is not None]
+    if duration_s is not None and len(recorded) == len(sides):
         raise CommandError(f"--duration {duration_s:g}: two recordings have their own length; expected a configuration")
-    durations = [side.samples["time_s"][-1] for side in recorded if side is not None]
-    run_for = duration_s if duration_s is not None else min(durations, default=USUAL_DURATION_S)
-    every = zip(recorded, names, sees, strict=True)
-    sides = [known or _simulated(name, run_for, see, shown) for known, name, see in every]
-    return sides, compared(sides[0], sides[1], tolerance)
+    for side in recorded:
+        side.read()
+    if duration_s is None:
+        duration_s = min((side.ends_s[-1] for side in recorded), default=USUAL_DURATION_S)
+    for side in sides:
+        if side.history is None:
+            side.simulate(duration_s)
+    runs = [side.run() for side in sides]
+    return runs, compared(runs[0], runs[1], tolerance)
 
 
 def _meant(name: str) -> str:
@@ -120,89 +124,78 @@ def configured_machine(name: str) -> Machine:
     return built_machine(kind, config)
 
 
-def _machine_name(name: str, is_recorded: bool) -> str:
-    """Return the machine of a side, before anything long is read or computed."""
-    if not is_recorded:
-        return configured_machine(name).name
+def _recorded_history(name: str) -> ConfigurationHistory | None:
+    """Return the configurations of a recording; None of a configuration, or a machine as installed."""
+    if name in CATALOGUE or Path(name).suffix in YAML_SUFFIXES:
+        return None
     settle_domain()
     from mech_twin.recording.bag_reader import open_bag
     from mech_twin.recording.bag_samples import BagSamples
-    from mech_twin.studies.resimulation import ConfigurationHistory
 
     with open_bag(Path(name)) as reader:
-        return ConfigurationHistory(BagSamples(reader).descriptions(), name).machine_at(0).name
+        return ConfigurationHistory(BagSamples(reader).descriptions(), name)
 
 
 class _Side:
     """One side as it is read or computed; all its samples are kept only if they are shown."""
 
-    def __init__(self, label: str, machine: Machine, see: See, shown: bool) -> None:
-        self._label, self._machine, self._see, self._shown = label, machine, see, shown
-        self._simulation = Simulation(machine)
+    def __init__(self, label: str, see: See, shown: bool) -> None:
+        self._label, self._see, self._shown = label, see, shown
+        self.history = _recorded_history(label)
+        self.machine = configured_machine(label) if self.history is None else self.history.machine_at(0)
+        self._simulation = Simulation(self.machine)
         self._begin_s: list[float] = []
-        self._ends_s: deque[float] = deque(maxlen=2)
+        self.ends_s: deque[float] = deque(maxlen=2)
 
-    def take(self, frame: Frame) -> None:
-        """Add a frame."""
+    def _take(self, frame: Frame) -> None:
         self._simulation.observe(frame)
         self._begin_s = self._begin_s or [frame.linkage.time_s]
-        self._ends_s.append(frame.linkage.time_s)
+        self.ends_s.append(frame.linkage.time_s)
         if self._shown:
             self._simulation.trajectory.append(frame)
-        self._see(self._machine, frame)
+        self._see(self.machine, frame)
+
+    def simulate(self, duration_s: float) -> None:
+        """Run the machine from rest."""
+        steps = steps_for(self.machine, duration_s) + 1
+        with progress(frames(self.machine, duration_s), steps, self._label) as run:
+            for frame in run:
+                self._take(frame)
+
+    def read(self) -> None:
+        """Read the recording; of an incomplete step nothing is used."""
+        from mech_twin.recording.bag_reader import open_bag
+        from mech_twin.recording.bag_samples import BagSamples
+
+        bag, incomplete = self._label, 0
+        with open_bag(Path(bag)) as reader:
+            samples = BagSamples(reader, self.machine.coupling_step_s)
+            with progress(samples.steps(), samples.count, bag) as steps:
+                for known in steps:
+                    frame = known.frame(self.machine.body is not None)
+                    if frame is None:
+                        incomplete += 1
+                    else:
+                        self._take(frame)
+        if not self.ends_s:
+            raise CommandError(f"{bag}: holds no whole step")
+        if incomplete:
+            say(f"{bag}: {incomplete} incomplete steps left out")
+        say(*(f"{bag}: {number} recorded samples not used: {reason}" for reason, number in samples.unused.items()))
 
     def run(self) -> ComparedRun:
         """Return the compared run; if samples are not shown, it has only its first and its last two times."""
-        simulation, machine = self._simulation, self._machine
+        simulation, machine = self._simulation, self.machine
         return ComparedRun(
             self._label,
             machine.name,
             configuration_tree(machine.parameters),
             simulation.summary(),
             tuple(broken_lines(simulation.residuals(), machine.coupling_step_s)),
-            simulation.trajectory.columns() if self._shown else {"time_s": [*self._begin_s, *self._ends_s]},
+            simulation.trajectory.columns() if self._shown else {"time_s": [*self._begin_s, *self.ends_s]},
             shown_units(machine),
+            0 if self.history is None else self.history.changes,
         )
-
-
-def _simulated(name: str, duration_s: float, see: See, shown: bool) -> ComparedRun:
-    """Return a configuration, or a machine as installed, run from rest."""
-    machine = configured_machine(name)
-    side = _Side(name, machine, see, shown)
-    with progress(frames(machine, duration_s), steps_for(machine, duration_s) + 1, name) as run:
-        for frame in run:
-            side.take(frame)
-    return side.run()
-
-
-def _recorded(bag: Path, see: See, shown: bool) -> ComparedRun:
-    """Return a recording; of an incomplete step nothing is used."""
-    settle_domain()
-    from mech_twin.recording.bag_reader import open_bag
-    from mech_twin.recording.bag_samples import BagSamples
-    from mech_twin.studies.resimulation import ConfigurationHistory
-
-    with open_bag(bag) as reader:
-        samples = BagSamples(reader)
-        history = ConfigurationHistory(samples.descriptions(), str(bag))
-        machine = history.machine_at(0)
-        side = _Side(str(bag), machine, see, shown)
-        read = BagSamples(reader, machine.coupling_step_s)
-        with progress(read.steps(), samples.count, str(bag)) as steps:
-            incomplete, whole = 0, 0
-            for known in steps:
-                frame = known.frame(machine.body is not None)
-                if frame is None:
-                    incomplete += 1
-                    continue
-                side.take(frame)
-                whole += 1
-    if not whole:
-        raise CommandError(f"{bag}: holds no whole step")
-    if incomplete:
-        say(f"{bag}: {incomplete} incomplete steps left out")
-    say(*(f"{bag}: {number} recorded samples not used: {reason}" for reason, number in read.unused.items()))
-    return side.run()._replace(changes=history.changes)
 
 
 def _remarks(sides: Sequence[ComparedRun]) -> list[str]:

@@ -62,11 +62,6 @@ from mech_twin.studies.spreading import available_cores, check_scheduler, spread
 HEALTHY_SHARE = 0.4  # of the first run, where no baseline is given
 
 
-def _arl0_h(request: MonitorVerb | FleetVerb) -> float:
-    """Return the mean time between false alarms that a new reference is made for."""
-    return ARL0_H if request.known_arl0_h is None else request.known_arl0_h
-
-
 def monitor_machine(request: MonitorVerb) -> None:
     """Judge runs, or a sensor set; exit with 1 where a fault was found."""
     kept_file = baseline_file(request.baseline)
@@ -144,7 +139,9 @@ def _design(request: MonitorVerb) -> None:
     _say_left_out(sensors)
     monitored = MonitoredMachine(request.machine, request.parameters, sensors)
     seed = request.seed or 0
-    setup = fitted_setup(monitored, simulated_vectors(monitored, DESIGN_CYCLES, seed), _arl0_h(request), seed)
+    setup = fitted_setup(
+        monitored, simulated_vectors(monitored, DESIGN_CYCLES, seed), request.known_arl0_h or ARL0_H, seed
+    )
     show_design(setup, sensor_design(setup), monitored.feed().features, as_json=request.as_json)
 
 
@@ -156,7 +153,7 @@ def _setup(request: MonitorVerb, first: FeaturedRun) -> tuple[MonitorSetup, Feat
         wanted = arl0_cycles(request.known_arl0_h or kept_setup.arl0_h, kept_setup.baseline.period_s)
         if not math.isclose(wanted, kept_setup.limits.arl0_cycles, rel_tol=1e-9):
             raise CommandError(
-                f"--arl0 {_arl0_h(request):g}: {file} holds thresholds for {kept_setup.arl0_h:g} h; "
+                f"--arl0 {request.known_arl0_h:g}: {file} holds thresholds for {kept_setup.arl0_h:g} h; "
                 "expected that, or a run as --baseline"
             )
         return kept_setup, first
@@ -165,7 +162,7 @@ def _setup(request: MonitorVerb, first: FeaturedRun) -> tuple[MonitorSetup, Feat
         kept, cycles = int(HEALTHY_SHARE * len(first.vectors)), first.vectors
         say(f"{first.path}: no --baseline given, the first {kept} of {len(cycles)} cycles are taken as healthy")
         days, rest = [first._replace(vectors=cycles[:kept])], first._replace(vectors=cycles[kept:])
-    return setup_of_runs(days, parameters, _arl0_h(request), request.seed or 0), rest
+    return setup_of_runs(days, parameters, request.known_arl0_h or ARL0_H, request.seed or 0), rest
 
 
 class Judged(NamedTuple):
@@ -329,7 +326,7 @@ def _setup_of(request: FleetVerb, sister: MonitorSetup | None, folder: Path) -> 
     if kept.exists():
         return read_setup(kept, request.machine, request.parameters, runs[0].given), runs
     healthy, later = runs[: request.healthy], runs[request.healthy :]
-    setup = setup_of_runs(healthy, request.parameters, _arl0_h(request), 0, sister)
+    setup = setup_of_runs(healthy, request.parameters, request.known_arl0_h or ARL0_H, 0, sister)
     if request.save_baselines:
         write_setup(kept, setup, force=False)
     return setup, later

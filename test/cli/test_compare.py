@@ -83,8 +83,8 @@ def test_what_cannot_be_compared_is_one_line(second, said):
 def test_two_machines_are_told_apart_before_either_is_read_or_computed(monkeypatch, ros_domain, tmp_path):
     bag = tmp_path / "bag"
     assert mech_twin("simulate", "compaction_press", "--duration", "0.01", "--bag", bag).code == 0
-    for side in ("_simulated", "_recorded"):
-        monkeypatch.setattr(f"mech_twin.cli.compare.{side}", lambda *_: pytest.fail("read or computed in vain"))
+    for how in ("simulate", "read"):
+        monkeypatch.setattr(f"mech_twin.cli.compare._Side.{how}", lambda *_: pytest.fail("read or computed in vain"))
     found = mech_twin("compare", bag, "winding_drum")
     assert (found.code, "expected one machine" in found.err) == (2, True)
 

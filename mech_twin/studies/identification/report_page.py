@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mech_twin.capabilities.plots import BLUE, GREY, RED, house_style
+from mech_twin.capabilities.plots import BLUE, GREY, RED, house_style, sheet
 from mech_twin.files.report_page import page, section
 from mech_twin.measurements.units import UNITS, shown_unit
 from mech_twin.studies.identification.fit_quality import Fitted
@@ -119,15 +119,6 @@ def _pictures(found: Identification) -> list[str]:
     return shown
 
 
-def _figure(width: float, height: float, columns: Sequence[float] = (1.0,)) -> tuple[Figure, Any]:
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
-    from matplotlib.figure import Figure as Drawn
-
-    figure = Drawn(figsize=(width, height), layout="constrained")
-    FigureCanvasSVG(figure)
-    return figure, figure.subplots(1, len(columns), width_ratios=columns)
-
-
 def _svg(figure: Any) -> str:
     text = io.StringIO()
     figure.savefig(text, format="svg", metadata={"Date": None})
@@ -137,7 +128,7 @@ def _svg(figure: Any) -> str:
 def interval_figure(found: Identification) -> Figure:
     """Return a figure of the identified keys: estimates with intervals, relative to the previous values."""
     shown = [key for key in found.keys if key.verdict == IDENTIFIED and key.before != 0.0]
-    figure, axes = _figure(5.5, 0.8 + 0.32 * len(shown))
+    figure, (axes,) = sheet(1, 1, 5.5, 0.8 + 0.32 * len(shown))
     for row, key in enumerate(reversed(shown)):
         low, middle, high = (100.0 * (each / key.before - 1.0) for each in (key.low_95, key.estimate, key.high_95))
         axes.plot(sorted((low, high)), [row, row], color=BLUE)
@@ -150,7 +141,7 @@ def interval_figure(found: Identification) -> Figure:
 
 def _correlation(found: Identification) -> str:
     side = 1.4 + 0.22 * len(found.fitted_keys)
-    figure, axes = _figure(side + 1.0, side)
+    figure, (axes,) = sheet(1, 1, side + 1.0, side)
     image = axes.imshow(found.correlation, vmin=-1.0, vmax=1.0, cmap="RdBu_r")
     names = [key.rpartition(".")[2] for key in found.fitted_keys]
     axes.set_xticks(range(len(names)), names, rotation=60, ha="right")
@@ -167,7 +158,7 @@ def _channel(found: Identification, both: tuple[Fitted, Fitted], run: int, place
     last = channel.times_s[-1]
     shown = np.flatnonzero(channel.times_s >= last - SHOWN_SHARE * (last - channel.times_s[0]))
     shown = shown[:: max(1, len(shown) // MOST_POINTS)]
-    figure, (left, middle, right) = _figure(9.0, 1.55, (2.2, 1.4, 1.0))
+    figure, (left, middle, right) = sheet(1, 3, 9.0, 1.55, width_ratios=(2.2, 1.4, 1.0))
     times, values = channel.times_s[shown], channel.values[shown]
     left.plot(times, values, ".", color=GREY, markersize=3, label="measured")
     for name, colour, drawn in zip(("before", "fitted"), (RED, BLUE), both, strict=True):
