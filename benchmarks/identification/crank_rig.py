@@ -20,7 +20,7 @@ from data_directory import given_directory
 
 from mech_twin.measurements.runs import read_run
 from mech_twin.parameters.load import machine_parameters
-from mech_twin.results.opened_runs import given_map, opened_run
+from mech_twin.results.opened_runs import configured_map, opened_run
 from mech_twin.studies.identification.geometry_fit import GeometryModel, geometry_data, geometry_report
 
 RUNS = ("run_5.5V.tsv", "run_7.5V.tsv", "run_9.5V.tsv")
@@ -69,7 +69,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as scratch:
         file = Path(scratch) / "map.yaml"
         file.write_text(yaml.safe_dump(MAP), encoding="utf-8")
-        given = given_map(file)
+        given = configured_map(file)
     base = machine_parameters("vibration_crank", None, TAPE_MEASURE)
     model = GeometryModel("vibration_crank", base, KEYS, columns=(SLIDE,))
     worst = 100.0

@@ -7,7 +7,6 @@ An error is one line on standard error; the exit code is 2 for errors in the inp
 from __future__ import annotations
 
 import csv
-import json
 import logging
 import os
 import signal
@@ -21,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from mech_twin.errors import OneLineError
-from mech_twin.files.output_file import plain, written_file
+from mech_twin.files.output_file import json_text, written_file
 from mech_twin.process.dependencies import lacking, missing_extra
 from mech_twin.process.interruption import (
     EXIT_CODE_BASE,
@@ -53,8 +52,7 @@ BEYOND_REASON_S = 1e7  # a hundred days
 
 def print_json(document: Any) -> None:
     """Write a result as JSON: an object of the fields of a dataclass or named tuple; null for a number not finite."""
-    text = json.dumps(plain(document), indent=2, ensure_ascii=False, allow_nan=False)
-    sys.stdout.write(f"{printable_json(text)}\n")
+    sys.stdout.write(printable_json(json_text(document)))
 
 
 def print_csv(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:

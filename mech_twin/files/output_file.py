@@ -5,6 +5,7 @@ Dataclasses and named tuples become plain values for JSON.
 """
 
 import errno
+import json
 import math
 import os
 import secrets
@@ -40,6 +41,11 @@ def plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]
     return str(value) if isinstance(value, Path) else value
+
+
+def json_text(value: Any) -> str:
+    """Return a value as an indented JSON document, see `plain`."""
+    return json.dumps(plain(value), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 class OutputError(SentError):

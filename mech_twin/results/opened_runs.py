@@ -79,16 +79,14 @@ def columns_of(name: str) -> Mapping[str, str]:
     return machine_columns(built_machine(name))
 
 
-def given_map(path: Path, configured: Machine | None = None) -> MeasurementMap:
-    """Return the map in a file, checked against the configured machine, or the installed one named in the map.
+def given_map(path: Path, configured: Machine) -> MeasurementMap:
+    """Return the map in a file, checked against the configured machine.
 
     Raises
     ------
     MeasurementError
         The map is for another machine than the configured one.
     """
-    if configured is None:
-        return read_map(path, columns_of)
     known = machine_columns(configured)
     found = read_map(path, lambda name: known if name == configured.name else columns_of(name))
     if found.machine != configured.name:
@@ -96,8 +94,8 @@ def given_map(path: Path, configured: Machine | None = None) -> MeasurementMap:
     return found
 
 
-def configured_map(path: Path, config: Path | None) -> MeasurementMap:
-    """Return the map in a file, checked against its machine with the given configuration file."""
+def configured_map(path: Path, config: Path | None = None) -> MeasurementMap:
+    """Return the map in a file, checked against its machine with a configuration file, or as installed."""
     return read_map(path, lambda name: machine_columns(built_machine(name, config)))
 
 

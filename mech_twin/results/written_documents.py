@@ -143,17 +143,12 @@ def _parameters(machine: str, config: Any, source: str = "config") -> Parameters
     return validated(catalogue_entry(machine), tree_from_json(config), source)
 
 
-def _numbers(title: str, values: Document) -> Numbers:
-    """Return numbers from a document, where null stands for one that is not finite."""
-    return Numbers(title, {name: nan if value is None else value for name, value in values.items()})
-
-
 def _run(document: Document) -> Run:
     name = document["machine"]
     parameters = _parameters(name, document["config"])
     samples = document.get("samples", {"time_s": []})
     built, title = catalogue_entry(name).build(parameters), own_name(name, parameters)
-    numbers = _numbers(title, document["summary"])
+    numbers = Numbers(title, _filled(dict[str, float], document["summary"]))
     units = shown_units(built)
     return Run(
         name,
@@ -170,7 +165,7 @@ def _analysis(document: Document) -> Analysis:
     name, parameters = document["machine"], _parameters(document["machine"], document["config"])
     title = own_name(name, parameters)
     cycle = Columns(title, "crank_rad", document.get("cycle", {"crank_rad": []}))
-    return Analysis(name, parameters, _numbers(title, document["summary"]), cycle)
+    return Analysis(name, parameters, Numbers(title, _filled(dict[str, float], document["summary"])), cycle)
 
 
 def _sizes(document: Document) -> SizingResult:
@@ -185,7 +180,9 @@ def _sizes(document: Document) -> SizingResult:
 
 def _shorter(document: Document, parameters: Any) -> InShorterSteps | None:
     found = document.get("shorter_steps")
-    return found and InShorterSteps(found["step_s"], parameters.coupling.step_s, dict(_numbers("", found["summary"])))
+    return found and InShorterSteps(
+        found["step_s"], parameters.coupling.step_s, _filled(dict[str, float], found["summary"])
+    )
 
 
 def _points(document: Document) -> Columns:

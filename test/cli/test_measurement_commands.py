@@ -63,9 +63,9 @@ def plant(tmp_path_factory: pytest.TempPathFactory) -> Plant:
 
 def test_bag_and_table_show_the_same_samples(plant: Plant) -> None:
     from mech_twin.measurements.runs import read_run
-    from mech_twin.results.opened_runs import given_map, opened_run
+    from mech_twin.results.opened_runs import configured_map, opened_run
 
-    given = given_map(plant.map)
+    given = configured_map(plant.map)
     with opened_run(plant.bag) as bag, opened_run(plant.table) as table:
         of_bag, of_table = read_run(bag, given), read_run(table, given)
     for one, other in zip(of_bag.channels, of_table.channels, strict=True):

@@ -21,7 +21,7 @@ from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.errors import MotionError
 from mech_twin.nodes.shadow.inputs import followed_topics, sensed_channels
 from mech_twin.parameters.load import machine_parameters
-from mech_twin.results.opened_runs import given_map
+from mech_twin.results.opened_runs import configured_map
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
 
@@ -65,7 +65,7 @@ def test_a_damaged_baseline_is_a_setup_or_one_line(tmp_path: Path) -> None:
     chance, file = random.Random("baseline"), tmp_path / "healthy.json"
     content = BASELINE.read_bytes()
     tree = json.loads(content)
-    parameters, given = machine_parameters(BREAKER, None, None), given_map(BASELINE.parent / "map.yaml")
+    parameters, given = machine_parameters(BREAKER, None, None), configured_map(BASELINE.parent / "map.yaml")
     accepted = 0
     for i in range(2 * MUTATIONS):
         file.write_bytes(mutated(content, chance) if i % 2 else json.dumps(mutated_tree(tree, chance)).encode())
@@ -84,7 +84,7 @@ def test_a_damaged_map_is_a_map_or_one_line(map_file: Path, tmp_path: Path) -> N
     accepted = 0
     for i in range(MUTATIONS):
         file.write_bytes(mutated(content, chance) if i % 2 else yaml.safe_dump(mutated_tree(tree, chance)).encode())
-        given = refused(lambda: given_map(file), file)
+        given = refused(lambda: configured_map(file), file)
         if given is None:
             continue
         accepted += 1

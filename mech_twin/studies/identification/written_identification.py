@@ -7,7 +7,6 @@ With its source files it is also a table and a figure.
 from __future__ import annotations
 
 import hashlib
-import json
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -23,7 +22,13 @@ from mech_twin import __version__
 from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.input_file import opened_input
-from mech_twin.files.output_file import YAML_SUFFIXES, check_output_directory, check_output_file, plain, written_file
+from mech_twin.files.output_file import (
+    YAML_SUFFIXES,
+    check_output_directory,
+    check_output_file,
+    json_text,
+    written_file,
+)
 from mech_twin.parameters.description import description_text
 from mech_twin.parameters.load import kind_of
 from mech_twin.process.dependencies import require_extra
@@ -211,15 +216,7 @@ class SavedIdentification:
         if not is_file(out):
             out.mkdir(parents=True, exist_ok=True)
             machine = Path(self.found.question.machine).stem  # of a page, its path
-            record = (
-                json.dumps(
-                    plain({**self.document, "further_sensors": [asdict(each) for each in self.helps]}),
-                    indent=2,
-                    ensure_ascii=False,
-                    allow_nan=False,
-                )
-                + "\n"
-            )
+            record = json_text({**self.document, "further_sensors": self.helps})
             texts = {out / f"{machine}.yaml": configuration, out / "identification.json": record}
             if find_spec("matplotlib") is not None:
                 from mech_twin.studies.identification.report_page import report_page
