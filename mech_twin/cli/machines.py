@@ -17,6 +17,7 @@ from mech_twin.cli.console import (
 )
 from mech_twin.cli.verbs import CheckVerb, FmuVerb, ListVerb, NewVerb
 from mech_twin.declarations.configuration_tree import ConfigurationError
+from mech_twin.files.output_file import written_file
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.errors import described_keys
 from mech_twin.parameters.load import (
@@ -156,7 +157,8 @@ def _draw(model: Any, picture: Path) -> None:
             x, y = (0.5 * (min(part) + max(part)) for part in points)
             axes.annotate(shape.text, (x, y), textcoords="offset points", xytext=(6, 6), color=colour, fontsize=9)
     axes.set(aspect="equal", xlabel="x, m", ylabel="y, m")
-    figure.savefig(picture)
+    with written_file(picture, force=True) as unfinished:
+        figure.savefig(unfinished)
 
 
 def export_unit(request: FmuVerb) -> None:
