@@ -142,6 +142,8 @@ def _beside_model(channel: MeasuredChannel, at_s: Array, values: Array, longest_
         lambda lag_s: delayed(lag_s, longest_lag_s).rms, bounds=ends, method="bounded", options={"xatol": LAG_S}
     )
     nearest = delayed(float(found.x))
+    if nearest.rms >= np.std(values):  # the model hardly moves: no lag is nearer than another but by noise
+        return delayed(0.0)
     nearest.found["lag_s"] = float(found.x)
     return nearest
 

@@ -219,6 +219,16 @@ def test_the_size_of_a_speed_is_that_above_standstill_and_of_a_position_that_of_
     assert moved.rms_measured == pytest.approx(slider.values.std())
 
 
+def test_no_lag_is_found_of_a_speed_that_does_not_vary() -> None:
+    run = run_of(0.0)
+    spec = Channel.model_validate({"source": {"column": "n"}, "is": "linkage.crank.velocity", "lag_s": "free"})
+    times_s = run.channels[0].times_s
+    speed = 5.0 * np.pi + 0.01 * np.random.default_rng(0).standard_normal(len(times_s))
+    turning = measured(times_s, "linkage.crank.velocity", speed, {})
+    (found,) = compared(run, replace(turning, channel=spec))
+    assert (found.found, found.samples) == ({}, len(times_s))
+
+
 def test_a_channel_of_another_time_is_left_out_for_that_reason(turn: ModelTurn) -> None:
     run = run_of(0.0)
     late = replace(run.channels[-1], times_s=run.channels[-1].times_s + 1e6)
