@@ -95,6 +95,8 @@ def test_the_counterweight_of_the_worst_case_is_the_best_of_the_worst():
     corners = box_corners(parameters, 0.05)
     for other in (answer.metrics["nominal_balancing_fraction"], chosen - 0.02, chosen + 0.02):
         assert balance_at(parameters, other, corners).shaking_force_max_n >= worst * (1.0 - 1e-9)
+    assert answer.binding == "none: worst_shaking_force_max_n has its minimum inside the range"
+    assert min(row["worst_shaking_force_max_n"] for row in answer.trade_off) >= worst * (1.0 - 1e-9)
 
 
 @pytest.mark.parametrize("rotating_kg", [7.55, None])

@@ -23,6 +23,7 @@ from mech_twin.machines.vibration_crank.parameters import VibrationCrank, slider
 from mech_twin.machines.vibration_crank.slider_crank import SliderCrank
 
 LIMITS: dict[str, float] = {"counterweight_mass_kg": inf, "drive_torque_peak_nm": inf, "shaking_force_max_n": inf}
+LOADS = ("drive_torque_peak_nm", "shaking_force_max_n")
 OBJECTIVES = ("shaking_force_max_n", "drive_torque_peak_nm", "counterweight_mass_kg")
 USUAL_TOLERANCE = 0.05
 GRID = 100
@@ -114,6 +115,12 @@ def _best_fraction(
     return fraction, known[fraction]
 
 
+def _told(parameters: VibrationCrank, fraction: float, corners: tuple[Corner, ...]) -> dict[str, float]:
+    """Return counterweight and loads of the machine as configured, and the worst loads over the box."""
+    worst = balance_at(parameters, fraction, corners)
+    return balance_at(parameters, fraction)._asdict() | {f"worst_{name}": getattr(worst, name) for name in LOADS}
+
+
 def sizing(
     parameters: VibrationCrank, limits: Mapping[str, float], objective: str, table: Table, tolerance: float = 0.0
 ) -> Sizing:
@@ -139,23 +146,22 @@ def sizing(
     single = box_corners(parameters, 0.0)
     edge = fraction if tolerance == 0.0 else _best_fraction(parameters, limits, objective, single)[0]
     bare = single[0].mechanism._replace(counter_mass=0.0)
-    binding = binding_of(constraints, f"none: {objective} has its minimum inside the range")
+    least = objective if len(corners) == 1 or objective not in LOADS else f"worst_{objective}"
+    binding = binding_of(constraints, f"none: {least} has its minimum inside the range")
     return Sizing(
         "vibration_crank",
         objective,
         {"counterweight.balancing_fraction": fraction},
         varied(parameters, {"counterweight.mass_kg": None, "counterweight.balancing_fraction": fraction}),
         {
-            **balance_at(parameters, fraction)._asdict(),
-            "worst_drive_torque_peak_nm": worst.drive_torque_peak_nm,
-            "worst_shaking_force_max_n": worst.shaking_force_max_n,
+            **_told(parameters, fraction, corners),
             "nominal_balancing_fraction": edge,
             "machines_tried": float(len(corners)),
             "drive_torque_peak_without_counterweight_nm": float(extreme(bare, single[0].speed, MOMENT, single[0].drag)),
         },
         constraints,
         "; ".join((binding, *parameters.speed_remarks({}))),
-        tuple({"balancing_fraction": i / 10.0, **balance_at(parameters, i / 10.0)._asdict()} for i in range(11)),
+        tuple({"balancing_fraction": i / 10.0, **_told(parameters, i / 10.0, corners)} for i in range(11)),
         tolerance,
         tuple(key for group in _varied_groups(parameters) for key in group),
     )
