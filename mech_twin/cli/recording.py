@@ -134,7 +134,8 @@ def _print_head(document: dict[str, Any], name: str) -> None:
     size = sum(split["size_bytes"] or 0 for split in document["splits"])
     files = f"{len(document['splits'])} file{'' if len(document['splits']) == 1 else 's'}"
     say_result(f"{document['message_count']} messages of {len(topics)} topics, {decimal(size)} in {files}")
-    say_result(f"recorded by mech_twin {document['version']}" if document["version"] else "recorded by other software")
+    version = f" {document['version']}" if document["version"] else ""  # the sensors of a machine record none
+    say_result(f"recorded by mech_twin{version}" if version or counted else "recorded by other software")
 
 
 def _print_topics(topics: dict[str, Any], wide: bool) -> None:

@@ -74,6 +74,10 @@ def test_bag_and_table_show_the_same_samples(plant: Plant) -> None:
     assert [len(channel.values) for channel in of_bag.channels][::2] == [401, 1001]
 
 
+def test_a_recording_of_simulated_sensors_is_told_as_the_twins_own(plant: Plant) -> None:
+    assert "recorded by mech_twin\n" in mech_twin("info", plant.bag).out
+
+
 def test_the_map_that_is_proposed_for_a_table_is_read_and_right(plant: Plant, tmp_path: Path) -> None:
     out = tmp_path / "map.yaml"
     found = mech_twin("map", plant.table, "vibration_crank", "--out", out, "--json")
