@@ -5,6 +5,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
@@ -20,6 +22,7 @@ from mech_twin.samples import ForceSample, LinkageSample
 
 BODY = ("linkage.body.position", "linkage.body.velocity")
 LAGS, LAG_S = 73, 1e-7  # lags tried first, and how near the best is come to
+FAR = TURN / 3.0  # between two samples of the crank: farther apart they tell no motion between them
 
 
 def guided_samples(
@@ -111,6 +114,7 @@ def measured_forces(
     model = {name: np.unwrap(values) if is_angle(name) else np.array(values) for name, values in columns.items()}
     at_s = np.array(times_s)
     turned = float(np.ptp(model[crank]))
+    told = np.abs(np.diff(next(each.values for each in run.channels if each.name == crank))) <= FAR
     longest_s = float(at_s[-1] - at_s[0]) * min(0.5 * TURN / turned, 0.125) if turned else 0.0
     for channel in others:
         if not np.isfinite(model[channel.name]).all():
@@ -119,18 +123,25 @@ def measured_forces(
             why = f"none of their samples is between {at_s[0]:.6g} and {at_s[-1]:.6g} s, when {crank} is measured"
             found.left_out.setdefault(why, []).append(channel.name)
         else:
-            found.compared.append(_beside_model(channel, at_s, model[channel.name], longest_s))
+            found.compared.append(_beside_model(channel, at_s, model[channel.name], longest_s, told))
     return found
 
 
-def _beside_model(channel: MeasuredChannel, at_s: Array, values: Array, longest_lag_s: float) -> Compared:
-    """Return a channel compared with the model's values at these times, under the lag of the map or the nearest one."""
+def _beside_model(
+    channel: MeasuredChannel, at_s: Array, values: Array, longest_lag_s: float, told: npt.NDArray[np.bool_]
+) -> Compared:
+    """Return a channel compared with the model's values at these times, under the lag of the map or the nearest one.
+
+    ``told``, shape (times - 1,), says in which intervals the motion is known; samples in others are left out.
+    """
+    model = CubicSpline(at_s, values)
 
     def delayed(lag_s: float, margin_s: float = 0.0) -> Compared:
         inside = (channel.times_s - lag_s >= at_s[0]) & (channel.times_s - lag_s <= at_s[-1])
         if margin_s:  # the same samples at every lag
             inside = (channel.times_s >= at_s[0] + margin_s) & (channel.times_s <= at_s[-1] - margin_s)
-        expected = np.interp(channel.times_s[inside] - lag_s, at_s, values)
+        inside &= told[np.clip(np.searchsorted(at_s, channel.times_s - lag_s) - 1, 0, len(told) - 1)]
+        expected = model(channel.times_s[inside] - lag_s)
         return _nearest(channel, channel.values[inside], expected)
 
     if not isinstance(channel.channel.lag_s, str) or not delayed(0.0, longest_lag_s).samples:

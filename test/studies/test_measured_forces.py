@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from catalogue import built
 from hypothesis import given, settings
@@ -227,6 +228,20 @@ def test_no_lag_is_found_of_a_speed_that_does_not_vary() -> None:
     turning = measured(times_s, "linkage.crank.velocity", speed, {})
     (found,) = compared(run, replace(turning, channel=spec))
     assert (found.found, found.samples) == ({}, len(times_s))
+
+
+@pytest.mark.parametrize(
+    ("kept", "count"), [(np.arange(501) % 5 == 0, 501), (np.abs(np.arange(501) - 250) > 37, 425)], ids=["few", "gap"]
+)
+def test_a_channel_is_compared_with_the_curve_between_samples_of_the_crank(
+    kept: npt.NDArray[np.bool_], count: int
+) -> None:
+    run = run_of(0.0)
+    crank, slider = run.channels[0], run.channels[-1]
+    sparse = replace(crank, times_s=crank.times_s[kept], values=crank.values[kept])
+    (found,) = compared(replace(run, channels=(sparse,)), replace(slider, values=slider.values - 0.3))
+    assert found.share < 1e-4  # the chord of 18 degrees is off by 1e-2
+    assert found.samples == pytest.approx(count, abs=2)  # in the gap of 270 degrees nothing is known
 
 
 def test_a_channel_of_another_time_is_left_out_for_that_reason(turn: ModelTurn) -> None:
