@@ -111,10 +111,14 @@ def measured_forces(
         times_s.append(linkage.time_s)
         for name, values in columns.items():
             values.append(row.get(name, float("nan")))
-    model = {name: np.unwrap(values) if is_angle(name) else np.array(values) for name, values in columns.items()}
+    # the crank counts its turns, also over a gap
+    model = {
+        name: np.unwrap(values) if is_angle(name) and name != crank else np.array(values)
+        for name, values in columns.items()
+    }
     at_s = np.array(times_s)
     turned = float(np.ptp(model[crank]))
-    told = np.abs(np.diff(next(each.values for each in run.channels if each.name == crank))) <= FAR
+    told = np.abs(np.diff(model[crank])) <= FAR
     longest_s = float(at_s[-1] - at_s[0]) * min(0.5 * TURN / turned, 0.125) if turned else 0.0
     for channel in others:
         if not np.isfinite(model[channel.name]).all():
