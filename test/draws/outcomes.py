@@ -31,7 +31,7 @@ from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import Residual, broken_lines, frame_events, frame_numbers
 from mech_twin.errors import MotionError
-from mech_twin.files.output_file import plain
+from mech_twin.files.output_file import json_text
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.description import description_text
 from mech_twin.roles import Machine
@@ -222,11 +222,11 @@ def _end_of_command(words: list[str]) -> str:
     """Run one command in this process; return its good end, or what is wrong with it."""
     said, errors, infinite = io.StringIO(), io.StringIO(), list[str]()
 
-    def noticed(document: Any) -> Any:
+    def noticed(document: Any) -> str:
         infinite.extend(_infinite(document))
-        return plain(document)
+        return json_text(document)
 
-    with mock.patch.object(console, "plain", noticed), mock.patch.object(sys, "argv", ["mech-twin", *words]):
+    with mock.patch.object(console, "json_text", noticed), mock.patch.object(sys, "argv", ["mech-twin", *words]):
         try:
             with contextlib.redirect_stdout(said), contextlib.redirect_stderr(errors):
                 main()

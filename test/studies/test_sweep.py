@@ -8,12 +8,11 @@ from pathlib import Path
 import pytest
 from pyarrow import parquet
 
-from mech_twin.capabilities import plots
 from mech_twin.capabilities.plots import sheet
 from mech_twin.errors import StudyError
 from mech_twin.parameters.errors import key_units
 from mech_twin.parameters.load import machine, machine_parameters
-from mech_twin.studies import sweep
+from mech_twin.studies import sweep, sweep_table
 from mech_twin.studies.parameter_sweep import SweepJournal, journal_of
 from mech_twin.studies.spreading import spread
 from mech_twin.studies.sweep_table import Point, Question, question, write_picture
@@ -108,7 +107,7 @@ def test_any_values_of_two_keys_are_drawn_as_a_map(tmp_path, rods):
 def drawn(monkeypatch, tmp_path):
     """Return a function that draws a sweep of these axes, whose number is the sum, and returns figure and panel."""
     made = []
-    monkeypatch.setattr(plots, "sheet", lambda *size: made.append(sheet(*size)) or made[-1])
+    monkeypatch.setattr(sweep_table, "sheet", lambda *size: made.append(sheet(*size)) or made[-1])
 
     def draw(**axes):
         asked = Question("m", {}, tuple(axes.items()), (), 0.0)
