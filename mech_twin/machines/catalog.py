@@ -49,7 +49,7 @@ class Entry:
         return Capabilities() if declared is None else declared()
 
 
-def told_by(metrics: Any, published: Any, sizing: Any = None, **further: Any) -> Capabilities:
+def usual_capabilities(metrics: Any, published: Any, sizing: Any = None, **further: Any) -> Capabilities:
     """Return what modules of a machine answer under the usual names, and further capabilities by theirs."""
     from mech_twin.capabilities.sizing import SizingQuestion
 

@@ -118,7 +118,7 @@ def measured_forces(
     }
     at_s = np.array(times_s)
     turned = float(np.ptp(model[crank]))
-    told = np.abs(np.diff(model[crank])) <= FAR
+    known = np.abs(np.diff(model[crank])) <= FAR
     longest_s = float(at_s[-1] - at_s[0]) * min(0.5 * TURN / turned, 0.125) if turned else 0.0
     for channel in others:
         if not np.isfinite(model[channel.name]).all():
@@ -127,16 +127,16 @@ def measured_forces(
             why = f"none of their samples is between {at_s[0]:.6g} and {at_s[-1]:.6g} s, when {crank} is measured"
             found.left_out.setdefault(why, []).append(channel.name)
         else:
-            found.compared.append(_beside_model(channel, at_s, model[channel.name], longest_s, told))
+            found.compared.append(_beside_model(channel, at_s, model[channel.name], longest_s, known))
     return found
 
 
 def _beside_model(
-    channel: MeasuredChannel, at_s: Array, values: Array, longest_lag_s: float, told: npt.NDArray[np.bool_]
+    channel: MeasuredChannel, at_s: Array, values: Array, longest_lag_s: float, known: npt.NDArray[np.bool_]
 ) -> Compared:
     """Return a channel compared with the model's values at these times, under the lag of the map or the nearest one.
 
-    ``told``, shape (times - 1,), says in which intervals the motion is known; samples in others are left out.
+    ``known``, shape (times - 1,), says in which intervals the motion is known; samples in others are left out.
     """
     model = CubicSpline(at_s, values)
 
@@ -144,7 +144,7 @@ def _beside_model(
         inside = (channel.times_s - lag_s >= at_s[0]) & (channel.times_s - lag_s <= at_s[-1])
         if margin_s:  # the same samples at every lag
             inside = (channel.times_s >= at_s[0] + margin_s) & (channel.times_s <= at_s[-1] - margin_s)
-        inside &= told[np.clip(np.searchsorted(at_s, channel.times_s - lag_s) - 1, 0, len(told) - 1)]
+        inside &= known[np.clip(np.searchsorted(at_s, channel.times_s - lag_s) - 1, 0, len(known) - 1)]
         expected = model(channel.times_s[inside] - lag_s)
         return _nearest(channel, channel.values[inside], expected)
 

@@ -5,7 +5,7 @@ from functools import partial
 
 from mech_twin.engine.compiled_roles import StepForces
 from mech_twin.engine.crank_linkage import FORCE_LIMITS
-from mech_twin.machines.catalog import told_by
+from mech_twin.machines.catalog import usual_capabilities
 from mech_twin.machines.compaction_press.cycle import POSITIONS, press_cycle
 from mech_twin.machines.compaction_press.drawing import drawing, mechanism
 from mech_twin.machines.compaction_press.dynamics import ACTS_ON, FORCES, JOINTS, LoadedPress, layer_regimes
@@ -48,4 +48,4 @@ def capabilities() -> Capabilities:
 
     bounds, limits = design_search.BOUNDS, design_search.LIMITS
     design = DesignQuestion(bounds, limits, SENSES._asdict(), design_search.evaluated, design_search.searched)
-    return told_by(metrics, published, sizing, design=design)
+    return usual_capabilities(metrics, published, sizing, design=design)

@@ -5,7 +5,7 @@ from functools import partial
 
 from mech_twin.capabilities.blow_gauge import blow_remarks
 from mech_twin.engine.compiled_roles import StepForces
-from mech_twin.machines.catalog import told_by
+from mech_twin.machines.catalog import usual_capabilities
 from mech_twin.machines.impact_mass.drawing import mass_drawing, mechanism
 from mech_twin.machines.impact_mass.forces import Stop, force_layout
 from mech_twin.machines.impact_mass.metrics import cycle_metrics, position_metrics
@@ -65,4 +65,4 @@ def capabilities() -> Capabilities:
     synthesis = SynthesisQuestion(asked.USUAL_ROBUSTNESS, asked.synthesis_answer, asked.cycle_lines)
     regimes = RegimeQuestion(asked.USUAL_KEY, asked.regime_answer, asked.regimes_read)
     motion = metrics.ANCHORED_MOTION
-    return told_by(metrics, published, synthesis=synthesis, regimes=regimes, anchored_motion=motion)
+    return usual_capabilities(metrics, published, synthesis=synthesis, regimes=regimes, anchored_motion=motion)

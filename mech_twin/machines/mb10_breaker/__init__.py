@@ -6,7 +6,7 @@ from functools import partial
 
 from mech_twin.capabilities.blow_gauge import blow_remarks
 from mech_twin.engine.compiled_roles import StepForces
-from mech_twin.machines.catalog import told_by
+from mech_twin.machines.catalog import usual_capabilities
 from mech_twin.machines.mb10_breaker.drawing import drawing, mechanism
 from mech_twin.machines.mb10_breaker.forces import LoadedBreaker
 from mech_twin.machines.mb10_breaker.half_sine_body import half_sine_body
@@ -62,4 +62,4 @@ def capabilities() -> Capabilities:
     """Return the machine's capabilities beyond running."""
     from mech_twin.machines.mb10_breaker import metrics, plots, published, sizing
 
-    return told_by(metrics, published, sizing, pictures=plots.pictures, works_taken=("wall_work_j",))
+    return usual_capabilities(metrics, published, sizing, pictures=plots.pictures, works_taken=("wall_work_j",))

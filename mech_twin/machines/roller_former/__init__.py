@@ -5,7 +5,7 @@ from functools import partial
 from math import radians
 
 from mech_twin.engine.compiled_roles import StepForces
-from mech_twin.machines.catalog import told_by
+from mech_twin.machines.catalog import usual_capabilities
 from mech_twin.machines.drives import KlossMotor, kloss_motor_role
 from mech_twin.machines.roller_former.drawing import former_drawing, mechanism
 from mech_twin.machines.roller_former.metrics import FormerObserver, former_metrics, position_metrics
@@ -53,4 +53,6 @@ def capabilities() -> Capabilities:
     """Return the machine's capabilities beyond running."""
     from mech_twin.machines.roller_former import metrics, published, sizing
 
-    return told_by(metrics, published, sizing, works_taken=("damping_work_j", "load_work_j", "friction_work_j"))
+    return usual_capabilities(
+        metrics, published, sizing, works_taken=("damping_work_j", "load_work_j", "friction_work_j")
+    )

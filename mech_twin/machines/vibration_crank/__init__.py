@@ -6,7 +6,7 @@ from functools import partial
 from mech_twin.engine.compiled_roles import StepForces
 from mech_twin.engine.crank_linkage import FORCE_LIMITS, FORCE_RESIDUALS
 from mech_twin.engine.sample_vectors import ForceLayout
-from mech_twin.machines.catalog import told_by
+from mech_twin.machines.catalog import usual_capabilities
 from mech_twin.machines.vibration_crank.drawing import drawing, mechanism
 from mech_twin.machines.vibration_crank.metrics import crank_run, cycle_metrics, position_metrics
 from mech_twin.machines.vibration_crank.parameters import VibrationCrank, slider_crank_constants
@@ -52,4 +52,4 @@ def capabilities() -> Capabilities:
     """Return the capabilities of the machine besides running."""
     from mech_twin.machines.vibration_crank import metrics, published, sizing
 
-    return told_by(metrics, published, sizing)
+    return usual_capabilities(metrics, published, sizing)

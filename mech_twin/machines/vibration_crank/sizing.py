@@ -115,7 +115,7 @@ def _best_fraction(
     return fraction, known[fraction]
 
 
-def _told(parameters: VibrationCrank, fraction: float, corners: tuple[Corner, ...]) -> dict[str, float]:
+def _loads_at(parameters: VibrationCrank, fraction: float, corners: tuple[Corner, ...]) -> dict[str, float]:
     """Return counterweight and loads of the machine as configured, and the worst loads over the box."""
     worst = balance_at(parameters, fraction, corners)
     return balance_at(parameters, fraction)._asdict() | {f"worst_{name}": getattr(worst, name) for name in LOADS}
@@ -154,14 +154,14 @@ def sizing(
         {"counterweight.balancing_fraction": fraction},
         varied(parameters, {"counterweight.mass_kg": None, "counterweight.balancing_fraction": fraction}),
         {
-            **_told(parameters, fraction, corners),
+            **_loads_at(parameters, fraction, corners),
             "nominal_balancing_fraction": edge,
             "machines_tried": float(len(corners)),
             "drive_torque_peak_without_counterweight_nm": float(extreme(bare, single[0].speed, MOMENT, single[0].drag)),
         },
         constraints,
         "; ".join((binding, *parameters.speed_remarks({}))),
-        tuple({"balancing_fraction": i / 10.0, **_told(parameters, i / 10.0, corners)} for i in range(11)),
+        tuple({"balancing_fraction": i / 10.0, **_loads_at(parameters, i / 10.0, corners)} for i in range(11)),
         tolerance,
         tuple(key for group in _varied_groups(parameters) for key in group),
     )

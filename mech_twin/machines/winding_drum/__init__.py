@@ -4,7 +4,7 @@
 from functools import partial
 
 from mech_twin.engine.compiled_roles import StepForces, StepMotor
-from mech_twin.machines.catalog import told_by
+from mech_twin.machines.catalog import usual_capabilities
 from mech_twin.machines.drives import SpeedDrive
 from mech_twin.machines.winding_drum.drawing import mechanism, package_drawing
 from mech_twin.machines.winding_drum.metrics import DrumObserver, package_metrics, position_metrics
@@ -43,4 +43,4 @@ def capabilities() -> Capabilities:
     """Return the machine's capabilities beyond running."""
     from mech_twin.machines.winding_drum import metrics, published
 
-    return told_by(metrics, published)
+    return usual_capabilities(metrics, published)

@@ -38,7 +38,7 @@ class Lanes:
         self._linkage = machine.linkage.regimes
         self._body = () if machine.body is None else machine.body.regimes
         self._now: dict[str, str] = {}
-        self._told: set[str] = set()  # a joint without friction only ever slides forwards, and has no lane
+        self._shown: set[str] = set()  # a joint without friction only ever slides forwards, and has no lane
         self._first: dict[str, str] = {}
         self._begin_s: float | None = None
         self._changes: dict[str, list[list[Any]]] = {}
@@ -53,7 +53,7 @@ class Lanes:
                 continue
             self._now[lane] = word
             if word != SENSES[1]:
-                self._told.add(lane)
+                self._shown.add(lane)
             changes = self._changes.setdefault(lane, [])
             changes.append([round(time_s, 9), word])
             del changes[:-MOST_CHANGES]
@@ -66,7 +66,7 @@ class Lanes:
         rows = [
             [lane, round(begin_s, 9), self._first.get(lane, word), self._changes.get(lane, [])]
             for lane, word in self._now.items()
-            if lane in self._told
+            if lane in self._shown
         ]
         self._first, self._changes, self._begin_s = dict(self._now), {}, None
         return rows
