@@ -35,9 +35,9 @@ NO_VALUE = ("", "-", "--", "---", "na", "n/a", "#n/a", "null", "none")  # in any
 ROW = re.compile(r"Row #(\d+)")
 CASES = [case(word) for word in NO_VALUE for case in (str.lower, str.upper, str.title)]
 SPELLINGS = [f"{before}{word}{after}" for word in CASES for before in ("", " ") for after in ("", " ")]
-WRONG_CELL = re.compile(
-    r"CSV column #(\d+): line (\d+): CSV conversion error to double: invalid value '(.*)'", re.DOTALL
-)
+WRONG_CELL = re.compile(r"CSV column #(\d+): line (\d+): CSV conversion error to ([a-z]+).*? '(.*)'", re.DOTALL)
+INSTANT = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d(?:\.\d{1,9})?)?(Z|[+-]\d\d(?::?\d\d)?)?")  # of ISO 8601
+EXPECTED_INSTANT = "a time such as 2026-01-05T12:00:00.25"
 MOST_NAMED = 12  # columns listed in an error message
 
 
@@ -79,8 +79,8 @@ class TableReader:
             raise MeasurementError(path, f"cannot be read ({error.strerror})") from error
         is_parquet = head.startswith(PARQUET_MAGIC) or path.suffix.lower() == ".parquet"
         self._text = None if is_parquet else _TextForm(path, head)
-        types = {each.name: each.type for each in self._parquet().schema_arrow} if self._text is None else {}
-        self.columns = tuple(types) if self._text is None else self._text.columns
+        types = self._text.types if self._text else {each.name: each.type for each in self._parquet().schema_arrow}
+        self.columns = tuple(types)
         self._clocks = {name: kind.unit for name, kind in types.items() if _is_time(kind)}
         if not self.columns:
             raise MeasurementError(path, "has no columns")
@@ -102,7 +102,7 @@ class TableReader:
         named = next((name for name, word in names if word.startswith(("time", "stamp")) or word in ("t", "t_s")), None)
         column = named or next((name for name, word in names if time_unit_in(word) is not None), None)
         if column is None:
-            rising = tuple(self._clocks) if self._text is None else self._text.rising
+            rising = (*self._clocks, *(self._text.rising if self._text else ()))
             column = rising[0] if rising else self.columns[0]
             if (unit := unit_in(column)) not in (None, "1", "count"):
                 expected = f"expected a column of the time, named such as 'time' or 't_ms'; {column!r} is in {unit}"
@@ -182,9 +182,9 @@ class _TextForm:
         reader = csv.reader(lines, delimiter=self._delimiter)
         ends, every = zip(*((reader.line_num, row) for row in reader), strict=True)  # a name in quotes may have lines
         rows = every[:50]
-        first = next((i for i, row in enumerate(rows) if _most(row, _is_number)), None)
+        first = next((i for i, row in enumerate(rows) if _most(row, _is_read)), None)
         if first is None:
-            expected = "expected numbers (a date is none) with comma, semicolon or tab between them"
+            expected = f"expected numbers, or {EXPECTED_INSTANT}, with comma, semicolon or tab between them"
             raise MeasurementError(path, f"has no line of numbers in most cells in its first 50 lines; {expected}")
         self._skipped = (0, *ends)[first]
         cells = len(rows[first])
@@ -196,25 +196,23 @@ class _TextForm:
             expected = "expected a cell for each name"
             raise MeasurementError(path, f"line {ends[first]}: {cells} cells under {len(names)} names; {expected}")
         names += [f"{i + 1}" for i in range(len(names), cells)]
-        self.columns = tuple(
+        columns = [
             name if name and name not in names[:i] else f"{name or 'column'} {i + 1}"
             for i, name in enumerate(names[:cells])
-        )
-
-        self.rising = tuple(
-            name for i, name in enumerate(self.columns) if _rises([row[i] for row in rows[first:] if len(row) > i])
-        )
+        ]
+        below = {name: [row[i].strip() for row in rows[first:] if len(row) > i] for i, name in enumerate(columns)}
+        self.types = {name: _type_of(column) for name, column in below.items()}
+        self.rising = tuple(name for name, column in below.items() if _rises(column))
 
     def batches(self, names: list[str]) -> Iterator[pa.RecordBatch]:
         """Yield these columns as floats, batch by batch."""
-        import pyarrow as pa
         from pyarrow import csv as arrow_csv
 
         cut = self._unended_line()
         reader = arrow_csv.open_csv(
             self._path,
             read_options=arrow_csv.ReadOptions(
-                use_threads=False, block_size=BLOCK_BYTES, skip_rows=self._skipped, column_names=list(self.columns)
+                use_threads=False, block_size=BLOCK_BYTES, skip_rows=self._skipped, column_names=list(self.types)
             ),
             parse_options=arrow_csv.ParseOptions(
                 delimiter=self._delimiter,
@@ -223,7 +221,7 @@ class _TextForm:
             ),
             convert_options=arrow_csv.ConvertOptions(
                 include_columns=names,
-                column_types=dict.fromkeys(names, pa.float64()),
+                column_types={name: self.types[name] for name in names},
                 null_values=SPELLINGS,
                 decimal_point=self._decimal,
             ),
@@ -243,11 +241,11 @@ class _TextForm:
         found = WRONG_CELL.search(text)
         if found is None:
             return text
-        column, line, value = found.groups()
-        return (
-            f"column {self.columns[int(column)]!r}, line {line}, value {value!r}: expected a number with decimal sign "
-            f"{self._decimal!r} or a word such as n/a; dates are read from Parquet only"
-        )
+        column, line, kind, value = found.groups()
+        instant = f"{EXPECTED_INSTANT}, with a zone if the first one has it,"
+        expected = instant if kind == "timestamp" else f"a number with decimal sign {self._decimal!r}"
+        name = list(self.types)[int(column)]
+        return f"column {name!r}, line {line}, value {value!r}: expected {expected} or a word such as n/a"
 
     def _line(self, row: int) -> int:
         """Return the line of a row as Arrow counts rows: each line above the numbers, then all that are not empty."""
@@ -288,6 +286,18 @@ def _names(above: Sequence[list[str]]) -> list[str]:
 def _rises(cells: list[str]) -> bool:
     numbers = [float(cell.replace(",", ".")) for cell in cells if _is_number(cell)]
     return len(numbers) > 1 and all(after > before for before, after in pairwise(numbers))
+
+
+def _type_of(cells: list[str]) -> Any:
+    """Return the Arrow type of a column of text: of time, with a zone or without, if its first value is an instant."""
+    import pyarrow as pa
+
+    found = INSTANT.fullmatch(next((cell for cell in cells if cell.lower() not in NO_VALUE), ""))
+    return pa.timestamp("ns", "UTC" if found[1] else None) if found else pa.float64()
+
+
+def _is_read(cell: str) -> bool:
+    return _is_number(cell) or INSTANT.fullmatch(cell) is not None
 
 
 def _is_number(cell: str) -> bool:

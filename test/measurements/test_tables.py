@@ -159,6 +159,20 @@ def test_a_typed_time_counts_in_its_own_unit_whatever_the_map_says(kind: Any, un
         assert times.tolist() == pytest.approx([1.0, 2.0, 4.0], rel=1e-15)
 
 
+@pytest.mark.parametrize("between", ["T", " "])
+@pytest.mark.parametrize("zones", [("", "", ""), ("Z", "+00", "+01:00")])
+def test_text_instants_are_the_time_to_the_nanosecond(between: str, zones: tuple[str, ...], tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    instants = [f"2026-11-03{between}{clock}" for clock in ("07:59:59", "08:00:00.000000001", "09:00:00.5")]
+    instants[2] = instants[2] if zones[2] else instants[2].replace("09:", "08:")
+    rows = [f"{x};{instant}{zone}" for x, instant, zone in zip((5, 4, 7), instants, zones, strict=True)]
+    path.write_text("\n".join(["x;logged at", *rows, ""]), encoding="utf-8")
+    assert TableReader(path).proposed_time() == TimeSource(column="logged at", unit="ns")
+    ((times, values),) = read(path, ("x",), TimeSource(column="logged at"))
+    assert np.diff(times) == pytest.approx([1.000000001, 0.499999999], rel=1e-12)
+    assert values.tolist() == [5.0, 4.0, 7.0]
+
+
 def test_a_table_without_a_header_has_numbered_columns_and_its_rising_one_is_the_time(tmp_path: Path) -> None:
     rows = np.array([[5.0, 1.0, 0.1], [4.0, 2.0, 0.2], [6.0, 1.5, 0.3]])
     reader = TableReader(table(tmp_path / "a.csv", rows, names=()))
@@ -204,7 +218,10 @@ def test_whole_nanoseconds_since_1970_are_exact(kind: Any, tmp_path: Path) -> No
         ("a b\n1.5 2.5\n", ("no line of numbers", "comma, semicolon or tab")),
         ("t,x\n0,1\n1,two\n2,3\n", ("column 'x', line 3, value 'two'", "expected a number", "'.'")),
         ("t,y,x\n0,1,2\n1,2,3\n2,3,1.#QNAN\n", ("column 'x', line 4, value '1.#QNAN'", "expected a number")),
-        ("t,y,x\n2026-11-03T08:00:00,1,2\n", ("column 't', line 2, value '2026-11-03T08:00:00'", "dates")),
+        ("t,y,x\n03.11.2026 08:00,1,2\n", ("column 't', line 2, value '03.11.2026 08:00'", "expected a number")),
+        ("t,x\n2026-11-03T08:00,1\n2026-11-03T08:00Z,2\n", ("column 't', line 3", "expected a time", "zone")),
+        ("t,x\n2026-11-03T08:00Z,1\n2026-11-03T08:00,2\n", ("column 't', line 3", "expected a time", "zone")),
+        ("t,x\n2026-11-03,1\n2026-11-04,2\n", ("no line of numbers", "a time such as")),
         ("t;x\n0;1\n1,5;2.5\n", ("column 'x', line 3, value '2.5'", "decimal sign ','")),
         ("t,x\n0,1\n1,2,3\n2,3\n", ("columns",)),
         ("t,y\n0,1\n1,2\n", ("no column 'x'", "'t', 'y'")),
