@@ -195,18 +195,20 @@ class _Side:
             simulation.trajectory.columns() if self._shown else {"time_s": [*self._begin_s, *self.ends_s]},
             shown_units(machine),
             0 if self.history is None else self.history.changes,
+            simulation.since(),
         )
 
 
 def _remarks(sides: Sequence[ComparedRun]) -> list[str]:
-    """Return a line on each side whose parameters changed, and one where the sides are not of one time."""
+    """Return a line on each side whose parameters changed or numbers began anew, and one where lengths differ."""
     changed = [
         f"{side.label}: parameters changed {side.changes} time{'' if side.changes == 1 else 's'} during the run; the "
         "settings are those at its start"
         for side in sides
         if side.changes
     ]
-    return [*changed, *filter(None, [_of_lengths(sides)])]
+    anew = [f"{side.label}: {side.since}" for side in sides if side.since]
+    return [*changed, *anew, *filter(None, [_of_lengths(sides)])]
 
 
 def _of_lengths(sides: Sequence[ComparedRun]) -> str:

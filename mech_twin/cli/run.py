@@ -148,6 +148,7 @@ def _write(request: RunVerb, parameters: Parameters, outcome: Outcome, directory
         name = getattr(parameters, "name", request.machine)
         show_numbers(f"{name}: metrics of the run", numbers, design, everything=request.everything)
         say_result(digits_note(configuration_tree(parameters)["coupling"]["step_s"]))
+        say(*filter(None, [outcome.metrics.since()]))
         counts = outcome.metrics.event_counts
         show_events(outcome.metrics.events, counts, numbers, everything=request.everything)
         if directory is not None and directory.exists():

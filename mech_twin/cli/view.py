@@ -160,6 +160,7 @@ def _show(scene: BenchScene | RerunScene, samples: BagSamples, stop: StopSignal)
         scene.drawing(drawn(history.machine_at(undrawn.linkage.step), undrawn))
     if metrics is not None:
         scene.metrics(metrics.numbers())
+        say(*filter(None, [metrics.since()]))
     say(*(f"{number} recorded samples not used: {reason}" for reason, number in samples.unused.items()))
 
 

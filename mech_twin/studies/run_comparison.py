@@ -31,7 +31,8 @@ class ComparedRun(NamedTuple):
 
     ``broken`` are the names of residuals beyond their limits; residuals are rounding errors and not compared.
     ``units`` are those of columns whose name does not end in the unit, such as the position of a joint.  ``changes``
-    counts changes of parameters during a recorded run, whose configuration is that at its start.
+    counts changes of parameters during a recorded run, whose configuration is that at its start.  ``since`` is that of
+    `RunMetrics`.
     """
 
     label: str
@@ -42,6 +43,7 @@ class ComparedRun(NamedTuple):
     samples: Mapping[str, Sequence[float] | NDArray[np.float64]]
     units: Mapping[str, str] = MappingProxyType({})
     changes: int = 0
+    since: str = ""
 
 
 class Differing(NamedTuple):

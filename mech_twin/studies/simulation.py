@@ -63,6 +63,12 @@ class RunMetrics:
         """Return the metrics of the run so far."""
         return {} if self._observer is None else self._observer.numbers()
 
+    def since(self) -> str:
+        """Return a line on a run whose numbers do not count from its begin; else an empty one."""
+        since_s = None if self._observer is None else self._observer.since_s
+        anew = "a reset, or a gap in a recording, begins them anew"
+        return "" if since_s is None else f"the numbers of the run count from {since_s:.6g} s: {anew}"
+
     def regime(self, index: int) -> str:
         """Return the name of a regime of the linkage; empty if the machine has none."""
         regimes = self.machine.linkage.regimes
@@ -86,12 +92,18 @@ class ChangingObserver:
         The machine at the beginning.
     machine_at : callable, optional
         ``machine_at(step)``: the machine with the parameters in force at a step.
+
+    Attributes
+    ----------
+    since_s : float, optional
+        Time from which the numbers count; None without a reset or a gap.
     """
 
     def __init__(self, machine: Machine, machine_at: Callable[[int], Machine] | None = None) -> None:
         self._machine, self._observer = machine, machine.observer()
         self._machine_at = machine_at or (lambda step: machine)
         self._next_step, self._time_s = 0, math.inf
+        self.since_s: float | None = None
 
     def observe(self, frame: Frame) -> None:
         """Add one frame."""
@@ -101,7 +113,7 @@ class ChangingObserver:
             machine.goes_on(self._observer)
         step, time_s = frame.linkage[:2]
         if is_reset(frame.linkage) or (step > self._next_step and time_s - self._time_s > GAP_S):
-            self._observer = machine.observer()
+            self._observer, self.since_s = machine.observer(), time_s
         self._next_step, self._time_s = step + 1, time_s
         self._observer.observe(frame)
 

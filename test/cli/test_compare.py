@@ -61,6 +61,17 @@ def test_another_length_of_the_run_is_said(tmp_path):
     assert "A begins at 0.2 s, B at 0 s: numbers of the whole run differ by that alone" in told
 
 
+def test_numbers_that_begin_anew_after_a_gap_are_said_to(tmp_path):
+    bag = tmp_path / "bag"
+    assert mech_twin("simulate", "compaction_press", "--duration", "0.4", "--bag", bag).code == 0
+    gap_ns = range(100_000_000, 250_000_000)
+    cut = altered_bag(bag, tmp_path / "cut", lambda entry: [] if entry.log_time_ns in gap_ns else [entry])
+    said = "the numbers of the run count from 0.25 s: a reset, or a gap in a recording, begins them anew"
+    assert mech_twin("compare", cut, bag).err == f"{cut}: {said}\n"
+    assert said in mech_twin("view", cut, "--save", tmp_path / "cut.rrd").err
+    assert "begins them anew" not in mech_twin("compare", bag, bag).err
+
+
 @pytest.mark.parametrize("name", ["run.csv", "run.parquet"])
 def test_a_table_is_told_from_a_damaged_recording(name, tmp_path):
     (tmp_path / name).write_text("time_s,crank\n0,1\n1,2\n", encoding="utf-8")
