@@ -242,10 +242,10 @@ class _TextForm:
         if found is None:
             return text
         column, line, kind, value = found.groups()
-        instant = f"{EXPECTED_INSTANT}, with a zone if the first one has it,"
-        expected = instant if kind == "timestamp" else f"a number with decimal sign {self._decimal!r}"
-        name = list(self.types)[int(column)]
-        return f"column {name!r}, line {line}, value {value!r}: expected {expected} or a word such as n/a"
+        zoned = f"{EXPECTED_INSTANT} with a zone if the first one has it"
+        number = f"a number with decimal sign {self._decimal!r}, or in all lines {EXPECTED_INSTANT}"
+        expected = f"a word such as n/a, {zoned if kind == 'timestamp' else number}"
+        return f"column {list(self.types)[int(column)]!r}, line {line}, value {value!r}: expected {expected}"
 
     def _line(self, row: int) -> int:
         """Return the line of a row as Arrow counts rows: each line above the numbers, then all that are not empty."""
