@@ -17,7 +17,7 @@ from annotated_types import Ge, Gt, Le, Lt
 from pydantic.fields import FieldInfo
 
 from mech_twin.cli.main import EXPORTS, QUESTIONS, VERBS
-from mech_twin.cli.verb import Apart, declared, flags_of, in_order
+from mech_twin.cli.verb import Excludes, declared, flags_of, in_order
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.machines.catalog import CATALOGUE, Entry
 from mech_twin.machines.page.parameters import Page
@@ -220,7 +220,7 @@ def verbs_page() -> str:
             f"- `{flags_of(rule.first, verb.model_fields[rule.first])[0]}` excludes "
             f"`{flags_of(rule.second, verb.model_fields[rule.second])[0]}`: {rule.why}"
             for rule in verb.rules
-            if isinstance(rule, Apart)
+            if isinstance(rule, Excludes)
         ]
         parts += [
             f"## {before}{name}",

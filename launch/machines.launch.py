@@ -33,7 +33,7 @@ def each(context: LaunchContext) -> list:
             PythonLaunchDescriptionSource(str(ONE)),
             launch_arguments={**request._asdict(), **shared}.items(),
         )
-        for request in executables.several(machines, record, view)
+        for request in executables.launch_requests(machines, record, view)
     ]
 
 

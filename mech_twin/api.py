@@ -14,7 +14,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mech_twin.capabilities.arguments import GREATEST_SEED, real_number, several, whole_number
+from mech_twin.capabilities.arguments import GREATEST_SEED, real_number, sequence_items, whole_number
 from mech_twin.declarations.quantity import LONGEST_RUN_S
 from mech_twin.errors import StudyError
 from mech_twin.machines.catalog import CATALOGUE
@@ -295,8 +295,11 @@ def identify(
     from mech_twin.studies.spreading import used_cores
 
     built = built_machine(machine, _path(config), settings)
-    runs, held_out = several("runs", runs, "a list of paths"), several("held_out", held_out, "a list of paths")
-    several("free", free, "a list of keys, or keys with their bounds")
+    runs, held_out = (
+        sequence_items("runs", runs, "a list of paths"),
+        sequence_items("held_out", held_out, "a list of paths"),
+    )
+    sequence_items("free", free, "a list of keys, or keys with their bounds")
     map_file = _file("given_map", given_map)
     channels, turn = read_given(map_file, built), model_turn(built)
 

@@ -25,7 +25,7 @@ from rclpy.qos import DurabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.signals import SignalHandlerOptions
 
-from mech_twin.nodes.exchange.hand_over import HandOver
+from mech_twin.nodes.exchange.direct_exchange import HandOver
 
 LONG, DOUBLED, OVERTAKES = 0.03, 0.03, 0.05  # shares of messages
 SHORT_S, LONG_S = 1e-3, 1.5

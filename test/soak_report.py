@@ -13,7 +13,7 @@ from footprint import FootprintLog
 
 from mech_twin.engine.run import frames
 from mech_twin.messages.step_message import CODECS, body
-from mech_twin.nodes.roles.stepping import LOGGED_FROM_S
+from mech_twin.nodes.roles.run_control import LOGGED_FROM_S
 from mech_twin.recording.bag_reader import open_bag
 from mech_twin.recording.bag_samples import BagSamples
 from mech_twin.roles import Machine

@@ -22,7 +22,7 @@ from mech_twin.studies.monitoring.baseline import fitted_baseline
 from mech_twin.studies.monitoring.charts import chart_limits
 from mech_twin.studies.monitoring.cycle_features import feed_channels
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
-from mech_twin.studies.monitoring.report import judged
+from mech_twin.studies.monitoring.report import judged_run
 from mech_twin.studies.monitoring.sensing import MonitoredMachine, seen_roll_out
 
 TABLE = RESULTS / "offline_peer.csv"
@@ -54,7 +54,7 @@ def onset_errors(machine: MonitoredMachine, setup: MonitorSetup, fault: MachineF
             return Errors([], [], 0)
         run, change_s = rolled
         vectors = feed_channels(machine.feed(), seen_roll_out(run, machine.sensors, step_s, random, begin_s))
-        told = judged(Monitor(setup), vectors)
+        told = judged_run(Monitor(setup), vectors)
         if told.alarms:
             found.own.append(abs(told.alarms[0].onset_s - change_s) / baseline.period_s)
         rows = np.array([v.values[[v.names.index(name) for name in baseline.names]] for v in vectors])

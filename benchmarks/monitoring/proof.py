@@ -34,9 +34,9 @@ from plants import FAR, SENSORS, faulty_run, healthy_cycles, healthy_run, monito
 
 from mech_twin.files.output_file import plain, written_file
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
-from mech_twin.studies.monitoring.design import setup_for_cycles
 from mech_twin.studies.monitoring.findings import Findings
 from mech_twin.studies.monitoring.monitor import NAMED_EVERY, Monitor, MonitorSetup
+from mech_twin.studies.monitoring.sensor_design import setup_for_cycles
 from mech_twin.studies.monitoring.setup_record import SETUP
 
 RESULTS = Path(__file__).parent / "results"

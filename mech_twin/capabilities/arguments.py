@@ -42,7 +42,7 @@ def bounds_by_name(name: str, value: Any, expected: str) -> dict[str, tuple[floa
     """Return a mapping to a lower and an upper number, which may be infinite; an empty one for None."""
     found = {}
     for key, pair in by_name(name, value, expected).items():
-        both = several(f"{name} of {key}", pair, "a lower and an upper number")
+        both = sequence_items(f"{name} of {key}", pair, "a lower and an upper number")
         if len(both) != 2 or not all(map(is_number, both)):
             raise StudyError(f"{name} of {key} {_shown(pair)}: expected a lower and an upper number")
         found[key] = (float(both[0]), float(both[1]))
@@ -58,7 +58,7 @@ def by_name(name: str, value: Any, expected: str) -> dict[str, Any]:
     return dict(value)
 
 
-def several(name: str, value: Any, expected: str) -> tuple[Any, ...]:
+def sequence_items(name: str, value: Any, expected: str) -> tuple[Any, ...]:
     """Return the items of a sequence that is not a string; numpy scalars are converted to Python numbers."""
     if isinstance(value, str | bytes) or not isinstance(value, Iterable):
         raise StudyError(f"{name} {_shown(value)}: expected {expected}")

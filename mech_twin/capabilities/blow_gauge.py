@@ -53,14 +53,14 @@ class BlowGauge(NamedTuple):
     curve: Callable[[Event], GaugeCurve]
     sent: tuple[str, ...]
 
-    def tells(self, event: Event) -> bool:
+    def has_reading(self, event: Event) -> bool:
         """Return whether the gauge has a reading of an event."""
         struck = event.impulse_ns > 0.0 and event.pre_velocity_m_per_s > CLOSES
         return struck and event.kind == self.kind and event.contact in self.contacts
 
     def number(self, event: Event, name: str) -> float:
         """Return a number of an event by its name; nan for an event without a reading."""
-        return self.numbers(event)[tuple(GAUGE_UNITS).index(name)] if self.tells(event) else nan
+        return self.numbers(event)[tuple(GAUGE_UNITS).index(name)] if self.has_reading(event) else nan
 
 
 class RecentBlows:

@@ -58,7 +58,7 @@ def compare_sides(request: CompareVerb) -> None:
     Exit with 1 if a number differs by more than the tolerance, or a residual is broken.
     """
     picture, columns = request.picture, request.column
-    names = [_meant(request.first), _meant(request.second)]
+    names = [_resolved_name(request.first), _resolved_name(request.second)]
     with ExitStack() as stack:
         overlay = None if request.view == NO_VIEW else Overlay(stack, request.view_port, names)
         shown = overlay is not None or picture is not None
@@ -100,7 +100,7 @@ def _compared(
     return runs, compared(runs[0], runs[1], tolerance)
 
 
-def _meant(name: str) -> str:
+def _resolved_name(name: str) -> str:
     """Return a path as it is; a word that is none, and no machine, may be the beginning of a machine's name."""
     path = Path(name)
     if path.exists() or path.name != name or path.suffix:

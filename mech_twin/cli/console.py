@@ -187,7 +187,7 @@ def write_text(file: Path, text: str, *, force: bool) -> None:
         unfinished.write_text(text, encoding="utf-8")
 
 
-def estimating(title: str, least_s: float = 0.0) -> Callable[[int, int], None]:
+def time_left_notice(title: str, least_s: float = 0.0) -> Callable[[int, int], None]:
     """Return what takes how much is done of how much; it says once how long the rest takes, if so long at least."""
     first: tuple[float, int] | None = None  # when, and how much was done: the first step loads and compiles
     said = False
@@ -232,14 +232,14 @@ def bar(title: str, *columns: str, total: float | None = None) -> Iterator[Calla
 
 
 @contextmanager
-def busy(title: str) -> Iterator[None]:
+def busy_bar(title: str) -> Iterator[None]:
     """Show on a terminal that something is computed whose length is not known, and for how long already."""
     with bar(title, "SpinnerColumn", "{task.description}", "TimeElapsedColumn"):
         yield
 
 
 @contextmanager
-def counted(title: str, total: float | None = None) -> Iterator[Callable[[int, int], None] | None]:
+def count_bar(title: str, total: float | None = None) -> Iterator[Callable[[int, int], None] | None]:
     """Give ``progress(done, all)``, which moves a bar, when a terminal listens."""
     columns = ("{task.description}", "BarColumn", "MofNCompleteColumn", "TimeElapsedColumn", "TimeRemainingColumn")
     with bar(title, *columns, total=total) as update:
@@ -249,8 +249,8 @@ def counted(title: str, total: float | None = None) -> Iterator[Callable[[int, i
 @contextmanager
 def progress(items: Iterable[Item], total: int, title: str) -> Iterator[Iterable[Item]]:
     """Iterate over the items, with a progress bar on a terminal; elsewhere with an estimate if it takes long."""
-    with counted(title, total) as update:
-        show = update or estimating(title, BEYOND_REASON_S)
+    with count_bar(title, total) as update:
+        show = update or time_left_notice(title, BEYOND_REASON_S)
 
         def followed() -> Iterator[Item]:
             for done, item in enumerate(items):

@@ -8,7 +8,7 @@ from typing import Any
 
 from mech_twin.cli.console import (
     CommandError,
-    busy,
+    busy_bar,
     numbers_table,
     print_json,
     print_table,
@@ -169,7 +169,7 @@ def export_unit(request: FmuVerb) -> None:
     name, fmi = own_name(built.name, built.parameters), request.fmi
     file = request.out or Path(f"{name}.fmu")
     platforms = (LINUX, WINDOWS) if request.windows else (LINUX,)
-    with busy("compiling the unit"):
+    with busy_bar("compiling the unit"):
         written = export_fmu(built, file, fmi, platforms, force=request.force)
     if request.as_json:
         head = {"machine": name, "file": file, "fmi": fmi}

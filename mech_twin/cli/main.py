@@ -15,7 +15,7 @@ from typer.core import TyperCommand, TyperGroup
 from mech_twin import __version__
 from mech_twin.cli import measurement_verbs, study_verbs, verbs
 from mech_twin.cli.console import INTERRUPTED, CommandError, compiling_shown, report_cli_errors
-from mech_twin.cli.verb import command, in_library, verbs_in
+from mech_twin.cli.verb import command, typer_parameter, verbs_in
 from mech_twin.process.dependencies import NUMERICS_BYTES, check_address_space
 from mech_twin.process.interruption import EXIT_CODE_BASE, end_at_once
 
@@ -35,7 +35,7 @@ class CommandGroup(TyperGroup):
 
     def get_params(self, ctx: Any) -> list[Any]:
         """Return the parameters with a placeholder each."""
-        return named(super().get_params(ctx))
+        return with_own_help(super().get_params(ctx))
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse the arguments after giving each ``KEY=VALUE`` of several its option."""
@@ -75,7 +75,7 @@ class VerbCommand(TyperCommand):
 
     def get_params(self, ctx: Any) -> list[Any]:
         """Return the parameters with a placeholder each."""
-        return named(super().get_params(ctx))
+        return with_own_help(super().get_params(ctx))
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse the words after the verb."""
@@ -88,7 +88,7 @@ class VerbCommand(TyperCommand):
             return super().parse_args(ctx, args)
 
 
-def named(parameters: Sequence[Any]) -> list[Any]:
+def with_own_help(parameters: Sequence[Any]) -> list[Any]:
     """Return the parameters of a command after taking what the library would add to them in the help."""
     for parameter in parameters:
         if parameter.param_type_name == "argument":
@@ -200,7 +200,7 @@ def _places(context: Any) -> list[str]:
 VERBS = verbs_in(verbs, measurement_verbs)
 QUESTIONS = verbs_in(study_verbs)
 EXPORTS = {"fmu": VERBS.pop("fmu")}
-MACHINE = in_library("machine", VERBS["simulate"].model_fields["machine"])
+MACHINE = typer_parameter("machine", VERBS["simulate"].model_fields["machine"])
 
 app = typer.Typer(
     name="mech-twin",

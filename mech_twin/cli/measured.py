@@ -231,7 +231,7 @@ def examine_by_file(request: InfoVerb, map_file: Path) -> None:
         raise SystemExit(FOUND)
 
 
-class Read(NamedTuple):
+class MeasuredMotion(NamedTuple):
     """A measured run, the machine it is of, and the motion of its crank."""
 
     run: MeasuredRun
@@ -240,7 +240,7 @@ class Read(NamedTuple):
     motion: CrankMotion
 
 
-def read_measured(measurement: Path, map_file: Path, config: Path | None) -> Read:
+def read_measured(measurement: Path, map_file: Path, config: Path | None) -> MeasuredMotion:
     """Return a measured run by its map; what contradicts the machine is said on standard error."""
     given = configured_map(map_file, config)
     machine = built_machine(given.machine, config)
@@ -249,7 +249,7 @@ def read_measured(measurement: Path, map_file: Path, config: Path | None) -> Rea
         raise CommandError(f"{map_file}: {given.machine} has no crank; expected a machine whose state follows from one")
     run, problems = checked_run(measurement, given, machine, turn)
     say(*problems)
-    return Read(run, machine, turn, crank_motion(run, turn))
+    return MeasuredMotion(run, machine, turn, crank_motion(run, turn))
 
 
 def analyse_measured(request: ReplayVerb, map_file: Path) -> None:
@@ -295,7 +295,7 @@ def _show_compared(compared: Sequence[Compared], units: Mapping[str, str]) -> No
         print_table("measured, beside the model in the same motion", heads[:shown], [row[:shown] for row in rows])
 
 
-def show_measured(scene: BenchScene | RerunScene, read: Read, stop: StopSignal) -> None:
+def show_measured(scene: BenchScene | RerunScene, read: MeasuredMotion, stop: StopSignal) -> None:
     """Draw the mechanism in the measured motion, with its forces."""
     if read.machine.mechanism is not None:
         scene.know(read.machine.mechanism, read.machine.blow_energy)

@@ -6,7 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
-from mech_twin.cli.verb import Apart, Beside, Rules, argument, option
+from mech_twin.cli.verb import Excludes, Requires, Rules, argument, option
 from mech_twin.cli.verbs import Config, Configured, MachineName, MapFile, Namespace, Written
 from mech_twin.files.output_file import YAML_SUFFIXES
 
@@ -22,7 +22,7 @@ class ShadowVerb(Configured, answer="shadow:shadow_machine"):
     """Follow a running machine by its topics: its state, forces and their uncertainty, below /MACHINE/twin."""
 
     rules: ClassVar[Rules] = tuple(
-        Beside(each, ("monitor",), "it finds the faults") for each in ("black_box", "mqtt", "prometheus")
+        Requires(each, ("monitor",), "it finds the faults") for each in ("black_box", "mqtt", "prometheus")
     )
     machine: MachineName
     followed: str = option("namespace of the machine to follow", ..., "--from", metavar="NAMESPACE")
@@ -66,13 +66,13 @@ class IdentifyVerb(Configured, answer="identify:identify_machine"):
 
     rules: ClassVar[Rules] = (
         *(
-            Apart("plan", each, "a plan computes no fit")
+            Excludes("plan", each, "a plan computes no fit")
             for each in ("runs", "hold_out", "motion", "latest_begin_s", "seed", "scheduler", "out")
         ),
-        Beside("sensors", ("plan",), "runs have their --map"),
-        Beside("duration_s", ("plan",), "runs have their own length"),
-        Beside("plan", ("sensors",), "it asks what they would find"),
-        Beside("plan", ("duration_s",), "it asks what a run of this length would tell"),
+        Requires("sensors", ("plan",), "runs have their --map"),
+        Requires("duration_s", ("plan",), "runs have their own length"),
+        Requires("plan", ("sensors",), "it asks what they would find"),
+        Requires("plan", ("duration_s",), "it asks what a run of this length would tell"),
     )
     machine: MachineName
     runs: list[Path] = argument("runs: bags or tables", [])
@@ -112,15 +112,15 @@ class MonitorVerb(Configured, answer="monitor:monitor_machine"):
 
     rules: ClassVar[Rules] = (
         *(
-            Apart("design", each, "a sensor set is judged without runs")
+            Excludes("design", each, "a sensor set is judged without runs")
             for each in ("runs", "map_file", "baseline", "save_baseline", "skip_s", "explain")
         ),
-        Beside("design", ("sensors",), "it judges them"),
-        Beside("sensors", ("design",), "a run has --map"),
-        Beside("picture", ("explain",), "it shows what a fault explains"),
-        Beside("renew", ("baseline",), "a file of --save-baseline is renewed"),
-        Beside("yes", ("renew",), "nothing else asks"),
-        Apart("renew", "save_baseline", "the file of --baseline is written"),
+        Requires("design", ("sensors",), "it judges them"),
+        Requires("sensors", ("design",), "a run has --map"),
+        Requires("picture", ("explain",), "it shows what a fault explains"),
+        Requires("renew", ("baseline",), "a file of --save-baseline is renewed"),
+        Requires("yes", ("renew",), "nothing else asks"),
+        Excludes("renew", "save_baseline", "the file of --baseline is written"),
     )
     machine: MachineName
     runs: list[Path] = argument("runs to be judged: bags or tables", [])

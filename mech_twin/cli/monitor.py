@@ -20,7 +20,7 @@ from mech_twin.cli.measured import runs_of_map
 from mech_twin.cli.measurement_verbs import FleetVerb, MonitorVerb
 from mech_twin.cli.monitor_baseline import (
     ARL0_H,
-    FeaturedRun,
+    RunFeatures,
     baseline_file,
     earlier_runs,
     featured_run,
@@ -36,14 +36,6 @@ from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.recording.errors import BagError
 from mech_twin.results.opened_runs import given_map
-from mech_twin.studies.monitoring.design import (
-    DESIGN_CYCLES,
-    SensorDesign,
-    arl0_cycles,
-    fitted_setup,
-    sensor_design,
-    simulated_vectors,
-)
 from mech_twin.studies.monitoring.fleet import Fleet, FleetMember, Sister, fleet_of, judged_member
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
 from mech_twin.studies.monitoring.report import (
@@ -53,10 +45,18 @@ from mech_twin.studies.monitoring.report import (
     drawn_explanation,
     explanation,
     healthy_features,
-    judged,
+    judged_run,
     known_fault,
 )
 from mech_twin.studies.monitoring.sensing import MonitoredMachine, first_channels
+from mech_twin.studies.monitoring.sensor_design import (
+    DESIGN_CYCLES,
+    SensorDesign,
+    arl0_cycles,
+    fitted_setup,
+    sensor_design,
+    simulated_vectors,
+)
 from mech_twin.studies.spreading import available_cores, check_scheduler, spread
 
 HEALTHY_SHARE = 0.4  # of the first run, where no baseline is given
@@ -78,7 +78,7 @@ def monitor_machine(request: MonitorVerb) -> None:
     setup, runs[0] = _setup(request, runs[0])
     if request.save_baseline is not None:
         write_setup(request.save_baseline, setup, force=request.force)
-    found = [Judged(str(run.path), judged(Monitor(setup), run.vectors, run.skipped, run.until_s)) for run in runs]
+    found = [Judged(str(run.path), judged_run(Monitor(setup), run.vectors, run.skipped, run.until_s)) for run in runs]
     if request.explain is not None:
         known_fault(setup, request.explain)
         found = [run.explained(setup, runs[0].units, request.explain) for run in found]
@@ -103,7 +103,7 @@ def _say_left_out(given: MeasurementMap) -> None:
         say(f"{each.source.label}: left out, {each.quantity} is read from {first[each.quantity].source.label}")
 
 
-def _renew(request: MonitorVerb, file: Path, setup: MonitorSetup, runs: Sequence[FeaturedRun]) -> None:
+def _renew(request: MonitorVerb, file: Path, setup: MonitorSetup, runs: Sequence[RunFeatures]) -> None:
     """Write the baseline anew, of its own runs and these, where there is a yes."""
     earlier = earlier_runs(file, setup, [run.path for run in runs])
     names = ", ".join(str(run.path) for run in runs)
@@ -118,7 +118,7 @@ def _renew(request: MonitorVerb, file: Path, setup: MonitorSetup, runs: Sequence
     say(f"{file}: renewed with {len(runs)} more, {len(known) + len(runs)} runs, {renewed.baseline.cycles} cycles")
 
 
-def _draw(path: Path, setup: MonitorSetup, runs: Sequence[tuple[FeaturedRun, Judged]], *, force: bool) -> None:
+def _draw(path: Path, setup: MonitorSetup, runs: Sequence[tuple[RunFeatures, Judged]], *, force: bool) -> None:
     """Write the picture of the first alarm that was explained; say where there is none."""
     from mech_twin.capabilities.plots import house_style
 
@@ -145,7 +145,7 @@ def _design(request: MonitorVerb) -> None:
     show_design(setup, sensor_design(setup), monitored.feed().features, as_json=request.as_json)
 
 
-def _setup(request: MonitorVerb, first: FeaturedRun) -> tuple[MonitorSetup, FeaturedRun]:
+def _setup(request: MonitorVerb, first: RunFeatures) -> tuple[MonitorSetup, RunFeatures]:
     """Return the setup, and the first run without the cycles that were its baseline."""
     file, parameters = baseline_file(request.baseline), request.parameters
     if file is not None:
@@ -311,7 +311,7 @@ def _judged(request: FleetVerb, sister: MonitorSetup | None, folder: Path) -> tu
         return FleetMember(folder.name, refused=str(error)), None
 
 
-def _runs(request: FleetVerb, folder: Path) -> list[FeaturedRun]:
+def _runs(request: FleetVerb, folder: Path) -> list[RunFeatures]:
     paths = sorted(each for each in _listed(folder) if each.name != BASELINE and not each.name.startswith("."))
     least = 1 if (folder / BASELINE).exists() else request.healthy + 1
     if len(paths) < least:
@@ -320,7 +320,7 @@ def _runs(request: FleetVerb, folder: Path) -> list[FeaturedRun]:
     return [featured_run(request, path) for path in paths]
 
 
-def _setup_of(request: FleetVerb, sister: MonitorSetup | None, folder: Path) -> tuple[MonitorSetup, list[FeaturedRun]]:
+def _setup_of(request: FleetVerb, sister: MonitorSetup | None, folder: Path) -> tuple[MonitorSetup, list[RunFeatures]]:
     """Return the setup of a machine, and the recordings that are to be judged."""
     kept, runs = folder / BASELINE, _runs(request, folder)
     if kept.exists():

@@ -37,10 +37,10 @@ from mech_twin.studies.monitoring.baseline import (
     sensors_hash,
 )
 from mech_twin.studies.monitoring.cycle_features import FeatureFeed, FeatureVector
-from mech_twin.studies.monitoring.design import fitted_setup, sister_setup
 from mech_twin.studies.monitoring.monitor import MonitorSetup
 from mech_twin.studies.monitoring.report import known_sensors, seen_of_run, vectors_of_parts
 from mech_twin.studies.monitoring.sensing import MonitoredMachine
+from mech_twin.studies.monitoring.sensor_design import fitted_setup, sister_setup
 from mech_twin.studies.monitoring.setup_record import LARGEST_BYTES, SETUP
 
 SETUP_SUFFIX = ".json"
@@ -116,7 +116,7 @@ IMPACTS, BLOW_GAUGE = "impacts", "blow/gauge"  # topics of the twin, below its n
 EVENT_FIELDS = {"time": "stamp", "pre_velocity": "vector.x", "post_velocity": "vector.y", "impulse": "vector.z"}
 
 
-class FeaturedRun(NamedTuple):
+class RunFeatures(NamedTuple):
     """The features of a run, and what it was measured with."""
 
     path: Path
@@ -129,7 +129,7 @@ class FeaturedRun(NamedTuple):
 
 
 def setup_of_runs(
-    runs: Sequence[FeaturedRun], parameters: Parameters, arl0_h: float, seed: int, sister: MonitorSetup | None = None
+    runs: Sequence[RunFeatures], parameters: Parameters, arl0_h: float, seed: int, sister: MonitorSetup | None = None
 ) -> MonitorSetup:
     """Return the setup of the healthy cycles of several runs; those of the first are the sensors.
 
@@ -149,7 +149,7 @@ def setup_of_runs(
     return replace(found, origin=new_origin(datetime.now(UTC), parameters, runs[0].given, baseline_runs))
 
 
-def featured_run(request: MonitorVerb | FleetVerb, path: Path) -> FeaturedRun:
+def featured_run(request: MonitorVerb | FleetVerb, path: Path) -> RunFeatures:
     """Return the features of a run, its map proposed from the twin's own names where none is given."""
     with opened_run(path) as reader:
         built = catalogue_entry(request.machine).build(request.parameters)
@@ -163,7 +163,7 @@ def featured_run(request: MonitorVerb | FleetVerb, path: Path) -> FeaturedRun:
         raise CommandError(f"{path}: {_no_cycle(feed, parts)}")
     units = {feature.name: feature.unit for feature in feed.features}
     until_s = max(float(channel.times_s[-1]) for channel in parts[-1].channels if len(channel.times_s))
-    return FeaturedRun(path, vectors, feed.skipped, monitored, units, given, until_s)
+    return RunFeatures(path, vectors, feed.skipped, monitored, units, given, until_s)
 
 
 def _no_cycle(feed: FeatureFeed, parts: Sequence[MeasuredRun]) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 from textwrap import fill
 
 from mech_twin.capabilities.published import PublishedRow
-from mech_twin.cli.console import CommandError, busy, print_csv, print_json, print_table, progress, say, say_result
+from mech_twin.cli.console import CommandError, busy_bar, print_csv, print_json, print_table, progress, say, say_result
 from mech_twin.cli.verbs import ReproduceVerb
 from mech_twin.files.output_file import check_output_directory
 from mech_twin.process.dependencies import require_extra
@@ -26,7 +26,7 @@ def reproduce_machines(request: ReproduceVerb) -> None:
     if changed and machine is None:
         raise CommandError("--config and --set change one machine: name it before them")
     parameters = request.parameters if changed else None
-    with busy("computing published values"):
+    with busy_bar("computing published values"):
         rows = reproduce(machine, parameters)
     files: list[Path] = []
     if figures is not None:

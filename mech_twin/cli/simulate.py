@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from mech_twin.cli.console import (
     FOUND,
     CommandError,
-    busy,
+    busy_bar,
     numbered,
     print_csv,
     print_json,
@@ -55,7 +55,7 @@ def simulate_machine(request: SimulateVerb) -> None:
     say_consequences(name, request.config, request.settings)
     _check_own_roles(request)
     books = None if request.energy is None else _energy_books(request, machine)
-    with busy("compiling kernels, once after an installation or a change"):
+    with busy_bar("compiling kernels, once after an installation or a change"):
         warm_up_run(machine)  # a signal while kernels are compiled ends the process: no recording may be open then
     changes = live_changes(request.change, request.duration_s)
     changing = ChangingMachine(machine, changes)

@@ -17,7 +17,7 @@ import yaml
 from mech_twin.capabilities.design import Design, InShorterSteps
 from mech_twin.capabilities.progress import listening
 from mech_twin.capabilities.sizing import Sizing
-from mech_twin.cli.console import ShownTable, counted, estimating, numbers_table, print_tables, write_text
+from mech_twin.cli.console import ShownTable, count_bar, numbers_table, print_tables, time_left_notice, write_text
 from mech_twin.cli.option_values import assigned
 from mech_twin.cli.study_verbs import HELP, Study
 from mech_twin.declarations.captions import titled, unit_of
@@ -106,7 +106,7 @@ def bounds_of(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
 @contextmanager
 def progress_of(title: str) -> Iterator[None]:
     """Show how far an answer says it is; where no terminal listens, how long it will take, once."""
-    with counted(title) as bar, listening(bar or estimating(title)):
+    with count_bar(title) as bar, listening(bar or time_left_notice(title)):
         yield
 
 

@@ -13,7 +13,7 @@ from mech_twin.cli.console import (
     INTERRUPTED,
     CommandError,
     ShownTable,
-    counted,
+    count_bar,
     numbers_table,
     print_csv,
     print_json,
@@ -172,7 +172,7 @@ def answer_designs(request: DesignsVerb) -> None:
     if study.shows_limits(request.limit, request.machine, "design"):
         return
     out, parameters = request.out, request.parameters
-    with counted("designs") as progress:
+    with count_bar("designs") as progress:
         begun = time.monotonic()
         found = designs(
             request.machine, request.count, parameters=parameters, bounds=study.bounds_of(request.bound),
@@ -228,7 +228,7 @@ def answer_sweep(request: SweepVerb) -> None:
         check_output_file(table.with_suffix(".png"), force=request.force)
         require_extra("plots")
     parameters = request.parameters
-    with counted("sweeping") as progress:
+    with count_bar("sweeping") as progress:
         try:
             done = sweep(
                 request.machine, study.axes_of(request.over), table, parameters=parameters,
@@ -294,7 +294,7 @@ def answer_regimes(request: RegimesVerb) -> None:
     if len(axes) != 1:
         raise CommandError("--over: a regime map has one key")
     ((key, values),) = axes.items()
-    with counted("regimes") as progress:
+    with count_bar("regimes") as progress:
         settling = request.settling
         found = regimes(
             machine, values, key, parameters=request.parameters, settling_periods=settling, progress=progress

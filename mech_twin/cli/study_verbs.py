@@ -4,7 +4,7 @@
 from pathlib import Path
 from typing import Annotated, ClassVar
 
-from mech_twin.cli.verb import Apart, Rules, option
+from mech_twin.cli.verb import Excludes, Rules, option
 from mech_twin.cli.verbs import Configured, Csv
 from mech_twin.files.output_file import YAML_SUFFIXES
 
@@ -32,7 +32,7 @@ Bounds = Annotated[
 ]
 HELP = "help"  # in place of a limit
 PICTURES = (".png", ".svg", ".pdf")
-SPREAD = Apart("cores", "scheduler", "processes here, or workers of a cluster")
+SPREAD = Excludes("cores", "scheduler", "processes here, or workers of a cluster")
 
 
 class Study(Configured):

@@ -21,7 +21,7 @@ SIGNS = (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))  # bounds of a va
 PLACEHOLDERS = {int: "N", float: "NUMBER", Path: "PATH"}
 
 
-class Apart(NamedTuple):
+class Excludes(NamedTuple):
     """Two options that exclude each other, and why."""
 
     first: str
@@ -29,7 +29,7 @@ class Apart(NamedTuple):
     why: str
 
 
-class Beside(NamedTuple):
+class Requires(NamedTuple):
     """An option that needs one of others beside it, and why."""
 
     option: str
@@ -37,7 +37,7 @@ class Beside(NamedTuple):
     why: str
 
 
-Rules = tuple[Apart | Beside, ...]
+Rules = tuple[Excludes | Requires, ...]
 
 
 class Verb(BaseModel):
@@ -74,14 +74,14 @@ class Verb(BaseModel):
             return flags_of(name, type(self).model_fields[name])[0]
 
         given = self.model_fields_set
-        for rule in (Apart("as_json", "as_csv", "one form of output"), *self.rules):
-            if isinstance(rule, Apart) and {rule.first, rule.second} <= given:
+        for rule in (Excludes("as_json", "as_csv", "one form of output"), *self.rules):
+            if isinstance(rule, Excludes) and {rule.first, rule.second} <= given:
                 raise CommandError(f"{flag(rule.first)} and {flag(rule.second)} exclude each other: {rule.why}")
-            if isinstance(rule, Beside) and rule.option in given and not given & set(rule.others):
+            if isinstance(rule, Requires) and rule.option in given and not given & set(rule.others):
                 raise CommandError(f"{flag(rule.option)} goes with {' or '.join(map(flag, rule.others))}: {rule.why}")
         return self
 
-    def answered(self) -> None:
+    def carry_out(self) -> None:
         """Carry the verb out, and say which files it wrote; one that it could not write is refused beforehand."""
         self.check_outputs()
         before = {path: _stamp(path) for path in self.outputs()}
@@ -219,7 +219,7 @@ def command(verb: type[Verb]) -> Callable[..., None]:
             asked = verb(**given)
         except ValidationError as error:
             raise CommandError(_refused(verb, error)) from error
-        asked.answered()
+        asked.carry_out()
 
     shown = {name: field for name, field in in_order(verb).items() if declared(field)}
     parameters = [Parameter("context", Parameter.POSITIONAL_OR_KEYWORD, annotation=typer.Context)]
@@ -250,11 +250,11 @@ def _parameter(name: str, field: FieldInfo) -> Parameter:
     default = Parameter.empty if field.is_required() else absent
     kind = list[kind] if get_origin(field.annotation) is list else kind
     return Parameter(
-        name, Parameter.POSITIONAL_OR_KEYWORD, default=default, annotation=Annotated[kind, in_library(name, field)]
+        name, Parameter.POSITIONAL_OR_KEYWORD, default=default, annotation=Annotated[kind, typer_parameter(name, field)]
     )
 
 
-def in_library(name: str, field: FieldInfo) -> Any:
+def typer_parameter(name: str, field: FieldInfo) -> Any:
     """Return a field as the command line library declares an option or an argument."""
     said = declared(field)
     complete = said.get("complete") or ""

@@ -7,7 +7,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
-from mech_twin.cli.verb import Apart, Beside, Rules, Verb, argument, option
+from mech_twin.cli.verb import Excludes, Requires, Rules, Verb, argument, option
 
 if TYPE_CHECKING:
     from mech_twin.declarations.quantity import Parameters
@@ -86,8 +86,8 @@ class RunVerb(Configured, answer="run:run_machine"):
     """Run a machine as ROS 2 nodes, with recorder and viewer."""
 
     rules: ClassVar[Rules] = (
-        Apart("record", "no_record", "a recording or none"),
-        Apart("snapshot_s", "no_record", "the last seconds are a recording"),
+        Excludes("record", "no_record", "a recording or none"),
+        Excludes("snapshot_s", "no_record", "the last seconds are a recording"),
     )
     machine: MachineName = "mb10_breaker"
     pace: Literal["realtime", "max"] | None = option(
@@ -119,10 +119,10 @@ class SimulateVerb(Configured, answer="simulate:simulate_machine"):
     """Simulate a machine in one process, without ROS communication."""
 
     rules: ClassVar[Rules] = (
-        Apart("as_csv", "everything", "CSV has every number; events are in --json"),
-        Beside("samples", ("as_json",), "samples are printed as JSON; --table FILE writes them"),
-        Beside("seed", ("sensors",), "a run without sensors draws nothing at random"),
-        Beside("sensors", ("bag", "table"), "what they show is written there"),
+        Excludes("as_csv", "everything", "CSV has every number; events are in --json"),
+        Requires("samples", ("as_json",), "samples are printed as JSON; --table FILE writes them"),
+        Requires("seed", ("sensors",), "a run without sensors draws nothing at random"),
+        Requires("sensors", ("bag", "table"), "what they show is written there"),
     )
     machine: MachineName
     duration_s: float = option("simulated time, s (3, 500ms, 2min)", ..., unit="s")
@@ -150,7 +150,7 @@ class SimulateVerb(Configured, answer="simulate:simulate_machine"):
 class AnalyseVerb(Verb, answer="analyse:analyse_machine"):
     """Analyse one position or one cycle: kinematics, forces and machine constants."""
 
-    rules: ClassVar[Rules] = (Apart("crank_deg", "cycle", "one position or one cycle"),)
+    rules: ClassVar[Rules] = (Excludes("crank_deg", "cycle", "one position or one cycle"),)
     machine: MachineName
     crank_deg: float | None = option("crank angle, degrees")
     cycle: int | None = option("positions over one cycle", ge=2, le=1_000_000)
@@ -169,16 +169,16 @@ class ReplayVerb(Verb, answer="recording:replay"):
     """Replay a recording on its topics, or recompute it and compare bit for bit (exit code 1: different)."""
 
     rules: ClassVar[Rules] = (
-        Apart("analyse", "resimulate", "forces alone, or the whole run"),
+        Excludes("analyse", "resimulate", "forces alone, or the whole run"),
         *(
-            Apart(mode, each, "the recording is read at once, nothing is published")
+            Excludes(mode, each, "the recording is read at once, nothing is published")
             for mode in RECOMPUTING
             for each in ON_TOPICS
         ),
-        Beside("given_map", ("analyse",), "a measured run has no topics of the twin"),
-        Beside("tolerance", ("analyse",), "a run computed again from its start keeps no small error"),
-        Beside("config", RECOMPUTING, "a replay needs no configuration"),
-        Beside("as_json", RECOMPUTING, "a replay has no result to print"),
+        Requires("given_map", ("analyse",), "a measured run has no topics of the twin"),
+        Requires("tolerance", ("analyse",), "a run computed again from its start keeps no small error"),
+        Requires("config", RECOMPUTING, "a replay needs no configuration"),
+        Requires("as_json", RECOMPUTING, "a replay has no result to print"),
     )
     bag: BagOrTable
     rate: float = option("playback rate: recorded seconds per second", 1.0)
@@ -201,9 +201,9 @@ class ViewVerb(Verb, answer="view:view_bag"):
     """Show a recording, or a run of a page, in the viewer; with a map, the mechanism in a measured motion."""
 
     rules: ClassVar[Rules] = (
-        Apart("save", "port", "a file has no page"),
-        Beside("config", ("given_map",), "a recording holds its own configuration"),
-        Apart("duration_s", "given_map", "a measurement has its own length"),
+        Excludes("save", "port", "a file has no page"),
+        Requires("config", ("given_map",), "a recording holds its own configuration"),
+        Excludes("duration_s", "given_map", "a measurement has its own length"),
     )
     bag: BagOrTable
     given_map: MapFile = None
@@ -218,10 +218,10 @@ class InfoVerb(Verb, answer="recording:show_info"):
     """Describe a recording: what, how long, whether complete; with a map, a measurement's channels."""
 
     rules: ClassVar[Rules] = (
-        Apart("given_map", "as_csv", "the quality of channels is a table for people, or --json"),
-        Apart("given_map", "wide", "the quality of channels has one table"),
-        Apart("given_map", "verify", "a map reads every message of its channels"),
-        Beside("config", ("given_map",), "a recording holds its own configuration"),
+        Excludes("given_map", "as_csv", "the quality of channels is a table for people, or --json"),
+        Excludes("given_map", "wide", "the quality of channels has one table"),
+        Excludes("given_map", "verify", "a map reads every message of its channels"),
+        Requires("config", ("given_map",), "a recording holds its own configuration"),
     )
     bag: BagOrTable
     given_map: MapFile = None
@@ -235,7 +235,7 @@ class InfoVerb(Verb, answer="recording:show_info"):
 class CompareVerb(Written, answer="compare:compare_sides"):
     """Compare two recordings or configurations (exit code 1: a number differs by more than the tolerance)."""
 
-    rules: ClassVar[Rules] = (Beside("column", ("picture",), "columns are those of the picture"),)
+    rules: ClassVar[Rules] = (Requires("column", ("picture",), "columns are those of the picture"),)
     first: str = argument("recording, configuration file (.yaml) or machine", metavar="A")
     second: str = argument("what to compare it with, of the same machine", metavar="B")
     tolerance: float = option("allowed relative difference", 0.0, ge=0.0, le=1.0)

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mech_twin.capabilities.arguments import is_number, real_number, several
+from mech_twin.capabilities.arguments import is_number, real_number, sequence_items
 from mech_twin.declarations.quantity import Parameters, quantity
 from mech_twin.errors import StudyError
 from mech_twin.roles import BodyRole, EffortMotor, Machine
@@ -230,8 +230,8 @@ def _target(value: Any) -> Target:
 def _pairs(command: Sequence[tuple[float, Target]]) -> list[tuple[float, Target]]:
     """Return pairs of time and value."""
     found = []
-    for pair in several("command", command, A_PROFILE):
-        if len(both := several("command", pair, A_PROFILE)) != 2:
+    for pair in sequence_items("command", command, A_PROFILE):
+        if len(both := sequence_items("command", pair, A_PROFILE)) != 2:
             raise StudyError(f"command {command!r}: expected {A_PROFILE}")
         found.append((real_number("command's time", both[0], "seconds"), _target(both[1])))
     return found

@@ -61,8 +61,7 @@ from mech_twin.engine.crank_state import (
     under_load_share,
     within_a_turn,
 )
-from mech_twin.engine.hybrid.declared import declared
-from mech_twin.engine.hybrid.laws import Array, law_of
+from mech_twin.engine.hybrid.laws import Array, regime_of
 from mech_twin.engine.hybrid.loop import (
     CONTRADICTS,
     MOST_PIECES,
@@ -75,6 +74,7 @@ from mech_twin.engine.hybrid.loop import (
     room_sizes,
 )
 from mech_twin.engine.hybrid.motion import find_accelerations
+from mech_twin.engine.hybrid.type_erasure import declared
 from mech_twin.engine.integration import DORMAND_PRINCE_5
 from mech_twin.engine.sample_vectors import (
     COMMAND,
@@ -213,7 +213,7 @@ def crank_step(
     kept[TURNED], kept[LOAD_WORK], kept[STALLED_1], kept[TURNED_BACK] = (
         f, past.load_work_j, past.stalled_1, past.turned_back_rad,
     )  # fmt: skip
-    regimes[CRANK_LAW], regimes[MECHANISM_REGIME] = law_of(sense), regime
+    regimes[CRANK_LAW], regimes[MECHANISM_REGIME] = regime_of(sense), regime
     motion = TurningCrank(model, drive, e, command, kept)
     room = room_in(work.numbers[BEGIN_ROOM:], work.marks[2:], 1, 1, 1, STATE_SIZE, DORMAND_PRINCE_5)
     system = declared(motion, room.at)

@@ -28,10 +28,10 @@ from mech_twin.engine.crank_state import (
     mechanism_reduced,
 )
 from mech_twin.engine.hybrid import laws
-from mech_twin.engine.hybrid.declared import Declared
 from mech_twin.engine.hybrid.laws import HIGH, HOLD, LOW, Array, Equations, Indices
 from mech_twin.engine.hybrid.loop import Room
 from mech_twin.engine.hybrid.motion import settle_regimes
+from mech_twin.engine.hybrid.type_erasure import Declared
 from mech_twin.engine.sample_vectors import EVENT_WIDTH, SIDES
 from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel
 from mech_twin.parts.friction_and_gear import gear_split

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mech_twin.capabilities.arguments import real_number, several
+from mech_twin.capabilities.arguments import real_number, sequence_items
 from mech_twin.capabilities.blow_gauge import GAUGE_UNITS
 from mech_twin.declarations.captions import unknown_name
 from mech_twin.declarations.quantity import LONGEST_RUN_S
@@ -109,7 +109,7 @@ class RollOut:
         for step, event in self.stepped_events:
             gauge = next((one for last, one in self.machines if step <= last), self.machines[-1][1]).gauge
             if gauge is not None:
-                found.append((event, gauge.numbers(event) if gauge.tells(event) else none))
+                found.append((event, gauge.numbers(event) if gauge.has_reading(event) else none))
         return found
 
     def __getstate__(self) -> dict[str, Any]:
@@ -316,7 +316,7 @@ def _require_columns(what: str, columns: Iterable[str], machine: Machine) -> Non
 
 def _picked(layout: FrameLayout, columns: Sequence[str] | None) -> list[str]:
     names = layout.columns
-    asked = names if columns is None else several("columns", columns, "a list of names")
+    asked = names if columns is None else sequence_items("columns", columns, "a list of names")
     wanted = list(names) if columns is None else ["time_s", *(name for name in asked if name != "time_s")]
     for name in wanted:
         if not isinstance(name, str) or name not in names:

@@ -41,7 +41,7 @@ from mech_twin.engine.sample_vectors import (
 )
 from mech_twin.kernels.cache import is_known_module, load, module_key, save
 from mech_twin.kernels.dispatcher import compiled_ahead
-from mech_twin.mechanics.recording import Code
+from mech_twin.mechanics.code_generation import Code
 
 _numba: Any = numba  # its type hints lack the names used here
 

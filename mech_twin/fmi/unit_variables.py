@@ -16,7 +16,7 @@ from mech_twin.engine.coupling import complete_frame
 from mech_twin.engine.sample_vectors import Array
 from mech_twin.fmi.step_object import EVENT_FIELDS
 from mech_twin.measurements.units import column_unit, sliding_in
-from mech_twin.mechanics.recording import generated_at
+from mech_twin.mechanics.code_generation import generated_at
 from mech_twin.parameters.errors import Key, keys
 from mech_twin.parameters.load import catalogue_entry, changed_configuration
 from mech_twin.roles import EffortMotor, Machine, own_name

@@ -194,7 +194,7 @@ class SensorBench:
             _, kind, what = channel.quantity.split(".")
             if kind != event.kind or self._noise[place].random() < channel.drop:
                 continue
-            if what in GAUGE_UNITS and not (self.gauge and self.gauge.tells(event)):
+            if what in GAUGE_UNITS and not (self.gauge and self.gauge.has_reading(event)):
                 continue
             told = self.gauge.number(event, what) if self.gauge and what in GAUGE_UNITS else None
             value = self._shown(place, channel, getattr(event, EVENT_FIELDS[what]) if told is None else told)

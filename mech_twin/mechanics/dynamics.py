@@ -20,9 +20,9 @@ What acts on a structure, along joints, between points or on a body, becomes eff
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from mech_twin.mechanics.code_generation import Number, is_zero, magnitude, square_root, total
 from mech_twin.mechanics.kinematics import JointRates, Kinematics, MovingPoint, Row, Scalar, dot
 from mech_twin.mechanics.linear_solve import solution, transposed
-from mech_twin.mechanics.recording import Number, is_zero, magnitude, square_root, total
 from mech_twin.mechanics.structure import COORDINATES, FREE, GROUND, REVOLUTE, SLIDER, WELD, Split, Structure, Vector
 
 

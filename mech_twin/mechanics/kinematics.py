@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from mech_twin.mechanics.recording import Number, cosine, is_zero, sine, square_root, total
+from mech_twin.mechanics.code_generation import Number, cosine, is_zero, sine, square_root, total
 from mech_twin.mechanics.structure import FREE, GROUND, REVOLUTE, SLIDER, FirmGear, PlanarJoint, Structure, Vector
 
 Row = list[Number]

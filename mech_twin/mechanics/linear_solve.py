@@ -12,7 +12,7 @@ A fixed order of pivots divides by zero at poses where the matrix is regular.  H
 from collections.abc import Sequence
 from itertools import pairwise
 
-from mech_twin.mechanics.recording import Number, is_zero, magnitude, square_root, total
+from mech_twin.mechanics.code_generation import Number, is_zero, magnitude, square_root, total
 
 Matrix = list[list[Number]]
 

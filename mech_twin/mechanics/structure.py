@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-from mech_twin.mechanics.recording import Number
+from mech_twin.mechanics.code_generation import Number
 
 REVOLUTE, SLIDER, WELD, FREE = "revolute", "slider", "weld", "free"
 COORDINATES = {REVOLUTE: 1, SLIDER: 1, WELD: 0, FREE: 3}

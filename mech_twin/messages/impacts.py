@@ -51,4 +51,4 @@ def curve_message(gauge: BlowGauge, event: Event) -> JointTrajectory:
 def gauged_blows(gauge: BlowGauge | None, events: tuple[Event, ...]) -> Iterator[tuple[BlowGauge, Event]]:
     """Yield the gauge and each event that it measures."""
     if gauge is not None:
-        yield from ((gauge, event) for event in events if gauge.tells(event))
+        yield from ((gauge, event) for event in events if gauge.has_reading(event))

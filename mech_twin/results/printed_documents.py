@@ -14,10 +14,10 @@ from mech_twin.studies.identification.geometry_fit import FittedAssembly, HeldOu
 from mech_twin.studies.identification.sensor_plan import Help
 from mech_twin.studies.identification.verdicts import Combination, KeyVerdict
 from mech_twin.studies.measured_forces import Compared
-from mech_twin.studies.monitoring.design import FaultDesign
 from mech_twin.studies.monitoring.findings import FaultEvent, FaultLife
 from mech_twin.studies.monitoring.operating import OperatingValue
 from mech_twin.studies.monitoring.report import Alarm, Explanation
+from mech_twin.studies.monitoring.sensor_design import FaultDesign
 from mech_twin.studies.resimulation import Value
 
 

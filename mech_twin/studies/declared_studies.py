@@ -16,7 +16,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from mech_twin.capabilities.arguments import GREATEST_SEED, by_name, real_number, several, whole_number
+from mech_twin.capabilities.arguments import GREATEST_SEED, by_name, real_number, sequence_items, whole_number
 from mech_twin.capabilities.long_run import (
     MOST_ENDURANCE_PERIODS,
     MOST_SETTLING_PERIODS,
@@ -305,7 +305,7 @@ def regimes(
     """
     question: RegimeQuestion = asked_of(machine, "regimes", "no regimes to map")
     settling_periods = whole_number("settling", settling_periods, 1, MOST_SETTLING_PERIODS)
-    values = several("values", values, "a list of numbers")
+    values = sequence_items("values", values, "a list of numbers")
     if not values:
         raise StudyError("values: expected at least one")
     known = parameters or machine_parameters(machine)

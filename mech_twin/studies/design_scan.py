@@ -11,7 +11,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from mech_twin.capabilities.arguments import GREATEST_SEED, several, whole_number
+from mech_twin.capabilities.arguments import GREATEST_SEED, sequence_items, whole_number
 from mech_twin.capabilities.design import Design, DesignQuestion, DesignSpace
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.errors import StudyError
@@ -146,7 +146,7 @@ def search(
     if searches_by_runs(machine):
         raise StudyError(f"{machine}: no design question; `mech_twin.studies.search_runs` finds a design by its runs")
     question = design_question(machine)
-    wanted = asked_objectives(question, several("objectives", objectives, "a list of names"))
+    wanted = asked_objectives(question, sequence_items("objectives", objectives, "a list of names"))
     seed, points = whole_number("seed", seed, 0, GREATEST_SEED), whole_number("points", points, 1, MOST_POINTS)
     return question.search(
         parameters or machine_parameters(machine), question.space(bounds, limits), wanted, seed, points

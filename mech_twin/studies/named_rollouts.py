@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from mech_twin.capabilities.arguments import by_name, several
+from mech_twin.capabilities.arguments import by_name, sequence_items
 from mech_twin.declarations.captions import unit_of
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.coupling import Profile
@@ -205,14 +205,16 @@ def rollouts(
     """
     if device not in ("cpu", "cuda"):
         raise StudyError(f"device {device!r}: expected 'cpu' or 'cuda'")
-    settings = several("settings", settings, "a list of settings, one a member")
+    settings = sequence_items("settings", settings, "a list of settings, one a member")
     count = len(settings)
-    begun = (None,) * count if starts is None else several("starts", starts, "a list of frames, one a member")
-    driven = (1.0,) * count if commands is None else several("commands", commands, "a list of commands, one a member")
+    begun = (None,) * count if starts is None else sequence_items("starts", starts, "a list of frames, one a member")
+    driven = (
+        (1.0,) * count if commands is None else sequence_items("commands", commands, "a list of commands, one a member")
+    )
     for name, given in (("starts", begun), ("commands", driven)):
         if len(given) != count:
             raise StudyError(f"{len(given)} {name} for {count} settings; expected one each")
-    threads, changes = used_cores(cores), several("changes", changes, CHANGES)
+    threads, changes = used_cores(cores), sequence_items("changes", changes, CHANGES)
     asked = [
         _member(machine, each, duration_s, columns, start, command, changes)
         for each, start, command in zip(settings, begun, driven, strict=True)
@@ -285,8 +287,8 @@ def _member(
     base = _built(machine, parameters)
     units = shown_units(base)
     machines, known = [], base.parameters
-    for change in several("changes", changes, CHANGES):
-        pair = several("changes", change, CHANGES)
+    for change in sequence_items("changes", changes, CHANGES):
+        pair = sequence_items("changes", change, CHANGES)
         if len(pair) != 2:
             raise StudyError(f"changes {change!r:.80}: expected {CHANGES}")
         source = f"change at {pair[0]} s"

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
-from mech_twin.capabilities.arguments import by_name, real_number, several
+from mech_twin.capabilities.arguments import by_name, real_number, sequence_items
 from mech_twin.capabilities.plots import DPI, house_style, sheet
 from mech_twin.declarations.captions import unknown_name
 from mech_twin.declarations.configuration_tree import (
@@ -94,13 +94,13 @@ def question(
     fixed = []
     for key, values in by_name("axes", axes, "keys with their values, such as {'coupling.step_s': [0.001]}").items():
         require_key(type(parameters), key)
-        fixed.append((key, several(f"key '{key}', value", values, "a list of values")))
+        fixed.append((key, sequence_items(f"key '{key}', value", values, "a list of values")))
         if not fixed[-1][1]:
             raise StudyError(f"key '{key}': no values to sweep")
         _require_one_kind(key, fixed[-1][1])
     if not fixed:
         raise StudyError("a sweep needs at least one key")
-    wanted = several("outputs", outputs, "a list of names")
+    wanted = sequence_items("outputs", outputs, "a list of names")
     seconds = real_number("duration", duration_s, "a finite number of seconds, 0 or more", 0.0)
     asked = Question(machine, configuration_tree(parameters), tuple(fixed), wanted, seconds)
     if asked.count > MOST_POINTS:

@@ -14,7 +14,7 @@ from mech_twin.samples import Event
 from mech_twin.view.annotations import Annotations, AnyStep, Banner, lost_energy
 from mech_twin.view.bench.picture import Curves
 from mech_twin.view.curve_groups import Groups, body_groups, force_groups, linkage_groups, motor_groups, same_names
-from mech_twin.view.sending import Sending, extreme_rows
+from mech_twin.view.sending import PictureRate, extreme_rows
 
 KEPT_SAMPLES = 4000  # per role, while the bench accepts none
 
@@ -50,7 +50,7 @@ class RoleCurves:
             len(kept) == KEPT_SAMPLES or kept[-1].time_s - kept[0].time_s >= span_s for kept in self._samples if kept
         )
 
-    def taken(self, sending: Sending) -> list[Curves]:
+    def taken(self, sending: PictureRate) -> list[Curves]:
         """Remove the samples, and return their curves, decimated with their extremes."""
         motor, linkage, forces, body = self._samples
         return [
@@ -61,7 +61,7 @@ class RoleCurves:
         ]
 
     def _curves(
-        self, samples: deque[Any], groups: Callable[[Sequence[Any]], Groups], sending: Sending
+        self, samples: deque[Any], groups: Callable[[Sequence[Any]], Groups], sending: PictureRate
     ) -> Iterator[Curves]:
         while samples:
             batch = [samples.popleft()]

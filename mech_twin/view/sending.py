@@ -53,7 +53,7 @@ def extreme_rows(values: Values, window: int) -> Rows:
     return np.flatnonzero(kept)
 
 
-class Sending(NamedTuple):
+class PictureRate(NamedTuple):
     """Decimation and rate of the pictures of a scene.
 
     Attributes
@@ -74,5 +74,5 @@ class Sending(NamedTuple):
     drawing_s: float = 0.0
 
 
-RECORDED = Sending(window=5, drawing_s=0.01)  # for a recording, at the speed of reading
-LIVE = Sending(window=10, window_s=0.01, picture_s=0.033)
+RECORDED = PictureRate(window=5, drawing_s=0.01)  # for a recording, at the speed of reading
+LIVE = PictureRate(window=10, window_s=0.01, picture_s=0.033)

@@ -14,7 +14,7 @@ from typer.main import get_command
 from mech_twin import api
 from mech_twin.cli.main import QUESTIONS, VERBS, app, with_options_repeated
 from mech_twin.cli.option_values import seconds
-from mech_twin.cli.verb import Apart
+from mech_twin.cli.verb import Excludes
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.errors import key_units, nearest_key
@@ -285,7 +285,7 @@ def test_every_rule_names_options_that_its_verb_has() -> None:
     for name, verb in {**VERBS, **QUESTIONS}.items():
         known = {parameter.name for parameter in _verbs()[name].params}
         for rule in verb.rules:
-            named = (rule.first, rule.second) if isinstance(rule, Apart) else (rule.option, *rule.others)
+            named = (rule.first, rule.second) if isinstance(rule, Excludes) else (rule.option, *rule.others)
             assert set(named) <= known, (name, rule)
 
 

@@ -25,9 +25,9 @@ from mech_twin.engine.crank_motion import (
     TurningCrank,
 )
 from mech_twin.engine.crank_state import NO_MOTOR, Crank, ShaftDrive, ShaftFriction, Transmission, crank_drive
-from mech_twin.engine.hybrid.declared import declared
-from mech_twin.engine.hybrid.laws import law_of
+from mech_twin.engine.hybrid.laws import regime_of
 from mech_twin.engine.hybrid.loop import TOO_LONG, UNSTEADY, advance
+from mech_twin.engine.hybrid.type_erasure import declared
 from mech_twin.engine.sample_vectors import KIND, TIME
 from mech_twin.kernels.kernel import kernel
 from mech_twin.parts.induction_motor import supplied_motor
@@ -95,7 +95,7 @@ def turned(disc, drive, speed, span, tolerance=1e-12, boundaries=()):
     friction = ShaftFriction(drive.coulomb_nm, drive.viscous_nms_per_rad)
     crank = Crank(span, 0.0, rows, crank_drive(Transmission(1.0, 1.0, 0.0)), friction, np.zeros((0, 3)), 0.0)
     y, log = np.array([0.0, speed, 0.0, 0.0, 0.0]), np.zeros((40, 20))
-    regimes = np.array([law_of(float(np.sign(speed))), 0], dtype=np.int64)
+    regimes = np.array([regime_of(float(np.sign(speed))), 0], dtype=np.int64)
     count = advanced(TurnedCrank(crank, Disc(*map(float, disc))), drive, y, regimes, span, tolerance, log)
     return y, count, [(row[TIME], int(row[KIND])) for row in log[: max(count, 0)]]
 

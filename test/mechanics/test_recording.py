@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import pytest
 
-from mech_twin.mechanics.recording import Recording, cosine, generated, larger, power, sine, square_root
+from mech_twin.mechanics.code_generation import Recording, cosine, generated, larger, power, sine, square_root
 
 
 def formula(x, y):

@@ -12,10 +12,10 @@ from mechanics.absolute_coordinates import solve
 from mechanics.random_structures import coordinates_of, thrown
 
 from mech_twin.kernels.kernel import kernel
+from mech_twin.mechanics.code_generation import Recording, call_straight_line, generated
 from mech_twin.mechanics.dynamics import AppliedLoad, JointEffort, ReducedSystem
 from mech_twin.mechanics.kinematics import Kinematics, Scalar
 from mech_twin.mechanics.linear_solve import solution
-from mech_twin.mechanics.recording import Recording, call_straight_line, generated
 from mech_twin.mechanics.structure import (
     COORDINATES,
     FirmGear,

@@ -23,9 +23,9 @@ from mech_twin.nodes.shadow.monitor_node import MqttOutlet, PrometheusOutlet, ho
 from mech_twin.studies.live_monitor import fault_values
 from mech_twin.studies.monitoring.baseline import Baseline
 from mech_twin.studies.monitoring.charts import ChartLimits, Thresholds
+from mech_twin.studies.monitoring.diagnosis import Candidate
 from mech_twin.studies.monitoring.findings import Alert, FaultLife, Findings, acknowledged, alerts_of, shelved
 from mech_twin.studies.monitoring.monitor import MonitorSetup
-from mech_twin.studies.monitoring.naming import Candidate
 
 LIMIT_S = 30.0
 SOFT = Candidate("spring_soft", -0.2, -0.23, -0.17, "1", 0.01)

@@ -8,7 +8,7 @@ from bench_run import BenchRun
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from mech_twin.messages.topics import DIAGNOSTICS
-from mech_twin.nodes.roles.stepping import BEGINNING_S, StepPacer
+from mech_twin.nodes.roles.run_control import BEGINNING_S, StepPacer
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
 LAG_S = 0.7

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mech_twin.messages.step_message import ANONYMOUS, SOURCE, Row
-from mech_twin.nodes.exchange.hand_over import HandedStep, HandOver, Listener, ReceivedBytes, StepChannel
+from mech_twin.nodes.exchange.direct_exchange import HandedStep, HandOver, Listener, ReceivedBytes, StepChannel
 from mech_twin.samples import MotorSample
 
 SIGNED = Row(SOURCE, 17.0)

@@ -70,7 +70,7 @@ def test_a_duration_that_is_no_length_of_time_is_refused(duration: str) -> None:
 
 def test_several_machines_have_namespaces_recordings_and_view_files_apart() -> None:
     text = "mb10_breaker, left=winding_drum,hall/right=winding_drum"
-    requests = executables.several(text, "bags", "run.rrd")
+    requests = executables.launch_requests(text, "bags", "run.rrd")
     assert [executables.namespace(request) for request in requests] == ["/mb10_breaker", "/left", "/hall/right"]
     assert [request.record for request in requests] == ["bags/mb10_breaker", "bags/left", "bags/hall-right"]
     assert [request.view for request in requests] == [
@@ -90,7 +90,7 @@ def test_several_machines_have_namespaces_recordings_and_view_files_apart() -> N
 )
 def test_machines_that_cannot_be_told_apart_are_refused(machines: str, line: str) -> None:
     with pytest.raises(ConfigurationError, match=line):
-        executables.several(machines)
+        executables.launch_requests(machines)
 
 
 def test_the_users_discovery_range_is_never_overridden() -> None:

@@ -6,7 +6,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mech_twin.nodes.exchange.hand_over import SOURCES, PublisherNumbers
+from mech_twin.nodes.exchange.direct_exchange import SOURCES, PublisherNumbers
 
 SILENCE_S = 0.5
 MOTOR = 17.0

@@ -19,7 +19,7 @@ from std_msgs.msg import String
 
 from mech_twin.messages.topics import DESCRIPTION, DIAGNOSTICS
 from mech_twin.nodes.exchange.base_node import RunOptions
-from mech_twin.nodes.exchange.hand_over import ReceivedBytes
+from mech_twin.nodes.exchange.direct_exchange import ReceivedBytes
 from mech_twin.nodes.roles.recorder_node import RecorderNode
 from mech_twin.recording.bag_contents import NS_PER_S, RecentMessage, RecentMessages
 from mech_twin.recording.bag_reader import BagReader

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import pytest
 
-from mech_twin.nodes.roles.stepping import (
+from mech_twin.nodes.roles.run_control import (
     BEGINNING_S,
     GIVEN_UP_FROM_S,
     LOGGED_EVERY_S,

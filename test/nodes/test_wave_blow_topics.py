@@ -56,7 +56,7 @@ def test_topics_equal_engine_to_the_bit(ros_domain: int, tmp_path: Path, name: s
 
 def blows(expected: list[Frame], gauge: BlowGauge) -> list[list[Any]]:
     """Return the messages of each topic of blows, decoded."""
-    events = [event for frame in expected for event in frame.linkage.events if gauge.tells(event)]
+    events = [event for frame in expected for event in frame.linkage.events if gauge.has_reading(event)]
     numbers = [deserialize_message(numbers_bytes(gauge, event), JointState) for event in events]
     return [numbers, [curve_message(gauge, event) for event in events]]
 
@@ -82,7 +82,7 @@ def test_a_recording_without_nodes_holds_the_same_blows(tmp_path: Path) -> None:
 def test_the_curve_of_a_blow_holds_the_numbers_of_its_gauge() -> None:
     built = machine(NAME, None, CURVES)
     assert built.gauge is not None
-    event = next(e for frame in frames(built, 0.4) for e in frame.linkage.events if built.gauge.tells(e))
+    event = next(e for frame in frames(built, 0.4) for e in frame.linkage.events if built.gauge.has_reading(e))
     curve = built.gauge.curve(event)
     assert curve.force_n.max() == built.gauge.number(event, "peak_force")
     assert curve.strain.max() == built.gauge.number(event, "peak_strain")

@@ -46,7 +46,7 @@ from mech_twin.messages.topics import (
     STEP_MOTOR,
     Topic,
 )
-from mech_twin.nodes.exchange.hand_over import HandOver
+from mech_twin.nodes.exchange.direct_exchange import HandOver
 from mech_twin.nodes.roles.answering_nodes import ForceNode, MotorNode
 from mech_twin.nodes.roles.linkage_node import LinkageNode
 from mech_twin.nodes.roles.recorder_node import COPIED, RecorderNode

@@ -16,10 +16,10 @@ from mech_twin.studies.live_monitor import changes_by_faults, has_news
 from mech_twin.studies.monitoring.baseline import fitted_baseline
 from mech_twin.studies.monitoring.charts import chart_limits
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
-from mech_twin.studies.monitoring.design import machine_signatures
 from mech_twin.studies.monitoring.findings import Findings
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
 from mech_twin.studies.monitoring.sensing import MonitoredMachine, seen_run
+from mech_twin.studies.monitoring.sensor_design import machine_signatures
 
 NAME, SPRING, PRELOAD, FIGURE = (
     "mb10_breaker",

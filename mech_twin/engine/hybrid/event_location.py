@@ -66,7 +66,7 @@ def dense_signal(
 
 
 @embedded_kernel
-def divided(value: float, shift: float, span: float, at_root: bool) -> float:
+def deflated(value: float, shift: float, span: float, at_root: bool) -> float:
     """Return a signal, with its root at the start divided out where ``at_root``."""
     return (value - shift) / span if at_root else value
 
@@ -157,13 +157,13 @@ def root_share(
     low, before = 0.0, 0.0
     last = search.start_rate[which] if at_root else shift
     value = search.end[which] if high == 1.0 else dense_signal(piece, t, y, h, high, which, work, search)[0]
-    value = divided(value, shift, high * h, at_root)
+    value = deflated(value, shift, high * h, at_root)
     here = high - value * high / (value - last) if value < last else 0.5 * high
     for turn in range(80):
         if not low < here < high:
             here = 0.5 * (low + high)
         value, rate = dense_signal(piece, t, y, h, here, which, work, search)
-        value = divided(value, shift, here * h, at_root)
+        value = deflated(value, shift, here * h, at_root)
         slope = (rate - value) / here if at_root else rate * h
         if math.isnan(rate):
             slope = (value - last) / (here - before)
@@ -221,7 +221,7 @@ def first_signal(piece: PieceAt, t: float, y: Array, h: float, work: Workspace, 
         if (first <= 0.0 and not at_root) or (at_root and rate == 0.0 and last == first):
             continue  # a gap that other laws hold constant stays open
         high = 1.0
-        if divided(last, first, h, at_root) > 0.0:
+        if deflated(last, first, h, at_root) > 0.0:
             if at_root:
                 continue
             if math.isnan(rate) and not middle:
@@ -245,7 +245,7 @@ def first_signal(piece: PieceAt, t: float, y: Array, h: float, work: Workspace, 
 
 
 @borrowing_kernel
-def land_on(
+def integrate_to_root(
     piece: PieceAt, t: float, y: Array, h: float, share: float, which: int, work: Workspace, search: Signals
 ) -> tuple[float, float]:
     """Integrate to the root of a signal; return the length of the step taken (s), and the rest up to the root (s).
@@ -285,7 +285,7 @@ def land_on(
 
 
 @borrowing_kernel
-def carry_on(piece: PieceAt, h: float, rest: float, y: Array, work: Workspace, search: Signals) -> None:
+def add_step(piece: PieceAt, h: float, rest: float, y: Array, work: Workspace, search: Signals) -> None:
     """Update ``y`` to the end of the step, with compensated (Kahan) summation of coordinates and velocities."""
     weights = method_of(piece).weights
     for i in range(len(search.lost)):
@@ -364,8 +364,8 @@ def advance_piece(
             if share == 0.0:
                 piece_rates(piece, t + done, y, search.rate)
                 return done, wanted, which, steps
-            h, rest = land_on(piece, t + done, y, h, share, which, work, search)
-        carry_on(piece, h, rest, y, work, search)
+            h, rest = integrate_to_root(piece, t + done, y, h, share, which, work, search)
+        add_step(piece, h, rest, y, work, search)
         done += h + rest
         forget_roots(search.at_root)
         if which != NOTHING:

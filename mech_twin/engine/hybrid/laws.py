@@ -93,7 +93,7 @@ def only_freedom(at: Equations, law: int) -> int:
 
 
 @embedded_kernel
-def law_of(sense: float) -> int:
+def regime_of(sense: float) -> int:
     """Return the regime of a law without a gap at a velocity, of which the sign counts."""
     return LOW if sense > 0.0 else HIGH if sense < 0.0 else HOLD
 

@@ -231,7 +231,7 @@ def close_gaps(system: Any, t: float, y: Array, regimes: Indices, room: Room) ->
 
 
 @borrowing_kernel
-def leaps(y: Array, before: Array, tolerance: Array, n: int) -> bool:
+def velocity_jumps(y: Array, before: Array, tolerance: Array, n: int) -> bool:
     """Return whether a velocity differs from ``before`` by more than `LEAP` times the error of a step."""
     found = False
     for k in range(n, 2 * n):
@@ -257,7 +257,7 @@ def change_law(system: Any, t: float, y: Array, regimes: Indices, law: int, uppe
     else:
         copy_numbers(y, room.before)
         halt(y, regimes, at, room.struck, at.multiplier)
-        if leaps(y, room.before, room.tolerance, len(at.force)):
+        if velocity_jumps(y, room.before, room.tolerance, len(at.force)):
             copy_numbers(room.before, y)
             regimes[law], room.candidates[law] = LOW + HIGH - slid, 0
         else:
@@ -279,7 +279,7 @@ def is_still(at: Equations, tolerance: Array, law: int, errors: float) -> bool:
 
 
 @borrowing_kernel
-def stands(at: Equations, tolerance: Array, regimes: Indices, law: int) -> bool:
+def is_stationary(at: Equations, tolerance: Array, regimes: Indices, law: int) -> bool:
     """Return whether a sliding law has no velocity but the error of a step: another one that holds has kept it so."""
     return bool((regimes[law] == LOW or regimes[law] == HIGH) and is_still(at, tolerance, law, 1.0))
 
@@ -295,7 +295,7 @@ def begins_at_root(at: Equations, tolerance: Array, regimes: Indices, law: int) 
 def mark_standing(at: Equations, tolerance: Array, regimes: Indices, at_root: Array) -> None:
     """Mark the signals of sliding laws without velocity as zero, unless other laws keep them so."""
     for i in range(len(at.gap)):
-        if at_root[2 * i] != KEPT and stands(at, tolerance, regimes, i):
+        if at_root[2 * i] != KEPT and is_stationary(at, tolerance, regimes, i):
             at_root[2 * i] = AT_ROOT
 
 
@@ -306,7 +306,7 @@ def pass_law(system: Any, t: float, y: Array, regimes: Indices, which: int, room
     for i in range(m):
         room.past[i] = regimes[i]
     prepare_instant(system, t, y, regimes, at)
-    kept = stands(at, room.tolerance, regimes, law) and is_held_by_others(at, regimes, law, room.cut)
+    kept = is_stationary(at, room.tolerance, regimes, law) and is_held_by_others(at, regimes, law, room.cut)
     if kept or (regimes[law] == OPEN and at.velocity[law] > 0.0):  # nothing changes
         search.at_root[2 * law] = KEPT if kept else AT_ROOT
         mark_standing(at, room.tolerance, regimes, search.at_root)

@@ -45,7 +45,7 @@ def sizing(
             raise StudyError(f"limit non_uniformity={asked:g}: expected a number above 0 and below 2")
         parameters = varied(parameters, {"flywheel.non_uniformity": asked})
     delta = parameters.flywheel.non_uniformity
-    nominal = max(0.0, asked_of(parameters, delta))
+    nominal = max(0.0, required_flywheel(parameters, delta))
     worst = worst_case(parameters, delta, tolerance)
     flywheel = max(0.0, worst.inertia_kg_m2)
     kept, metrics = _shown(worst, flywheel)
@@ -67,8 +67,8 @@ def sizing(
         tuple(
             {
                 "non_uniformity": other,
-                "flywheel_inertia_kg_m2": max(0.0, asked_of(worst.parameters, other)),
-                "nominal_flywheel_inertia_kg_m2": max(0.0, asked_of(parameters, other)),
+                "flywheel_inertia_kg_m2": max(0.0, required_flywheel(worst.parameters, other)),
+                "nominal_flywheel_inertia_kg_m2": max(0.0, required_flywheel(parameters, other)),
             }
             for other in TRADE
         ),
@@ -112,7 +112,7 @@ class WorstCase(NamedTuple):
     tried: int
 
 
-def asked_of(parameters: CompactionPress, delta: float) -> float:
+def required_flywheel(parameters: CompactionPress, delta: float) -> float:
     """Return the flywheel (kg m2) required by a configuration's bare press; negative if none is needed."""
     press, stroke = press_constants(parameters, fitted=False)
     return turn_flywheel(press, stroke, parameters.drive.speed_rad_per_s, delta)
@@ -131,13 +131,13 @@ def _active(parameters: CompactionPress) -> tuple[str, ...]:
 def worst_case(parameters: CompactionPress, delta: float, tolerance: float) -> WorstCase:
     """Return the machine of the box with the largest required flywheel, searched key by key, and at random points."""
     if tolerance == 0.0:
-        return WorstCase(asked_of(parameters, delta), parameters, {}, 1)
+        return WorstCase(required_flywheel(parameters, delta), parameters, {}, 1)
     keys, ends, known = _active(parameters), (1.0 - tolerance, 1.0 + tolerance), dict[tuple[float, ...], float]()
 
     def asked(factors: Factors) -> float:
         place = tuple(factors.values())
         if place not in known:
-            known[place] = asked_of(scaled(parameters, factors), delta)
+            known[place] = required_flywheel(scaled(parameters, factors), delta)
         return known[place]
 
     where, before = dict.fromkeys(keys, 1.0), Factors()

@@ -19,7 +19,7 @@ import math
 from typing import Any, NamedTuple
 
 from mech_twin.engine.compiled_steps import fill_event
-from mech_twin.engine.hybrid.laws import HIGH, HOLD, LOW, OPEN, Array, Equations, Indices, law_of
+from mech_twin.engine.hybrid.laws import HIGH, HOLD, LOW, OPEN, Array, Equations, Indices, regime_of
 from mech_twin.engine.sample_vectors import EVENT_WIDTH, SIDES
 from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel
 from mech_twin.machines.mb10_breaker.dynamics import TURN, Breaker, spring_moment, striker
@@ -88,7 +88,7 @@ def law_at(present: bool, regime: int, speed: float, sense: float) -> int:
     """Return the regime of a law that applies or not; one that starts to apply at rest gets the stored direction."""
     if not present:
         return OPEN
-    return regime if regime != OPEN else law_of(speed if speed != 0.0 else sense)
+    return regime if regime != OPEN else regime_of(speed if speed != 0.0 else sense)
 
 
 @borrowing_kernel

@@ -62,11 +62,11 @@ from mech_twin.machines.mb10_breaker.roles import PINS
 from mech_twin.machines.mb10_breaker.state import EventSide
 from mech_twin.parts.four_bar import acute_angles, coefficients, link_angles, position
 from mech_twin.parts.induction_motor import motor_constants, motor_torque
-from mech_twin.parts.rod_waves.parameters import StressLine
+from mech_twin.parts.rod_waves.fatigue import StressLine
 from mech_twin.parts.rod_waves.struck_tool import (
     NO_CURVE,
     NO_FORCES,
-    LedBlow,
+    BlowSimulation,
     blow_and_metrics,
     gauge_curve,
     gauge_numbers,
@@ -315,7 +315,7 @@ def tool_gauge(b: Breaker, sends_curve: bool) -> BlowGauge | None:
     return BlowGauge("blow", ("tool",), numbers, curve, ("tool",) if sends_curve else ())
 
 
-def blow_of(b: Breaker, event: Event) -> tuple[LedBlow, ImpactDirection]:
+def blow_of(b: Breaker, event: Event) -> tuple[BlowSimulation, ImpactDirection]:
     """Return the inputs to recompute the blow of an event on the tool, and its direction."""
     before = EventSide(*event.pre)
     rests = b.held or before.body.position == before.body.velocity == 0.0
@@ -326,8 +326,8 @@ def blow_of(b: Breaker, event: Event) -> tuple[LedBlow, ImpactDirection]:
 
 def blow_metrics(b: Breaker, event: Event, line: StressLine | None = None) -> dict[str, float]:
     """Return the metrics of one blow on the tool; of its life where an S-N line is given."""
-    lead, along = blow_of(b, event)
-    found, metrics = blow_and_metrics(b.wave, line, lead)
+    simulate, along = blow_of(b, event)
+    found, metrics = blow_and_metrics(b.wave, line, simulate)
     v, before = event.pre_velocity_m_per_s, EventSide(*event.pre)
     rebound = v - found.impulse_ns / along.effective_kg
     tool = found.tool_momentum_ns / b.tool_mass_kg

@@ -23,11 +23,11 @@ from mech_twin.machines.mb10_breaker.state import breaker
 from mech_twin.parts.rod_waves.blow import (
     STRIKERS,
     RodBlow,
-    led_share_of_mass,
-    led_share_of_rectangle,
-    led_share_of_steps,
     share_of_mass,
     share_of_rectangle,
+    simulated_share_of_mass,
+    simulated_share_of_rectangle,
+    simulated_share_of_steps,
 )
 from mech_twin.parts.rod_waves.struck_tool import gauge_piece, rod_blow
 
@@ -67,13 +67,13 @@ def _efficiency(parameters: BreakerParameters) -> Picture:
     middle = np.geomspace(0.05, 50.0, 40)
     fine, coarse = np.geomspace(0.05, 50.0, 200), np.geomspace(0.05, 50.0, 13)
     for closed, led, colour, label in (
-        (share_of_rectangle, led_share_of_rectangle, BLUE, "rod of the tool's impedance, $x = 2Lk/cZ$"),
-        (share_of_mass, led_share_of_mass, RED, "rigid mass, $a = kM/Z^2$"),
+        (share_of_rectangle, simulated_share_of_rectangle, BLUE, "rod of the tool's impedance, $x = 2Lk/cZ$"),
+        (share_of_mass, simulated_share_of_mass, RED, "rigid mass, $a = kM/Z^2$"),
     ):
         panels[0].semilogx(fine, [closed(float(x)) for x in fine], color=colour, label=label)
         panels[0].semilogx(coarse, [led(float(x)) for x in coarse], "o", color=colour, markersize=4)
     for (label, steps), style in zip(STRIKERS.items(), ("-", "--", "-.", ":"), strict=True):
-        shares = [led_share_of_steps(steps, float(x), 100) for x in middle]
+        shares = [simulated_share_of_steps(steps, float(x), 100) for x in middle]
         panels[0].semilogx(middle, shares, color=INK, linestyle=style, linewidth=1.0, label=label)
     panels[0].set_xlabel("dimensionless wall stiffness, $x = 2Tk/Z$ or $a$")
     panels[0].set_title("First wave, long tool: lines closed form, dots led")

@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 
 from mech_twin.engine.addresses import record_at
 from mech_twin.engine.compiled_steps import LOG_FULL, Work, copy_numbers, linkage_step, step_of, work_room
-from mech_twin.engine.hybrid.declared import declared
 from mech_twin.engine.hybrid.laws import HOLD, LOW, OPEN, Indices
 from mech_twin.engine.hybrid.loop import MOST_PIECES, TOO_LONG, TOO_MANY, advance, room_in, room_sizes
+from mech_twin.engine.hybrid.type_erasure import declared
 from mech_twin.engine.integration import DORMAND_PRINCE_8
 from mech_twin.engine.sample_vectors import (
     BODY_JOINTS,

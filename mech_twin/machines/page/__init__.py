@@ -9,8 +9,8 @@ import numpy as np
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.errors import StudyError
 from mech_twin.machines.page.drawing import PageDrawing
+from mech_twin.machines.page.equations import PageInstant
 from mech_twin.machines.page.force_laws import PageNumbers
-from mech_twin.machines.page.functions import PageInstant
 from mech_twin.machines.page.mechanism import mechanism
 from mech_twin.machines.page.metrics import PageRun, run_remarks
 from mech_twin.machines.page.parameters import Page

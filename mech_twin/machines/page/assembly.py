@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.machines.page.elements import DEGREE, RPM
 from mech_twin.machines.page.parameters import GROUND, Page
+from mech_twin.mechanics.code_generation import Number
 from mech_twin.mechanics.kinematics import Kinematics
-from mech_twin.mechanics.recording import Number
 from mech_twin.mechanics.structure import (
     COORDINATES,
     FREE,
@@ -161,7 +161,7 @@ class Assembly:
         return max([*reach, *travels, 1e-3])
 
     @cached_property
-    def _wanted(self) -> list[tuple[int, int, float]]:
+    def _start_values(self) -> list[tuple[int, int, float]]:
         """Joint, component and value of each start value in the page."""
         found = []
         for number, joint in enumerate(self.page.joints.values()):
@@ -195,7 +195,7 @@ class Assembly:
     def _guess(self) -> tuple[Array, NDArray[np.bool_]]:
         """Start value of each coordinate of the tree, and whether the page gives it."""
         guess, given = np.zeros(self.structure.size), np.zeros(self.structure.size, dtype=bool)
-        for number, part, value in self._wanted:
+        for number, part, value in self._start_values:
             place = self.structure.first_coordinate.get(number)
             if place is not None:
                 guess[place + part], given[place + part] = value, True
@@ -204,7 +204,7 @@ class Assembly:
     def _off(self, s: Array) -> float:
         """Return how far a pose is from the start values in the page, those of joints that close loops included."""
         motion, off = Kinematics(self.structure, s.tolist()), 0.0
-        for number, part, value in self._wanted:
+        for number, part, value in self._start_values:
             joint, place = self.structure.joints[number], self.structure.first_coordinate.get(number)
             found = float(motion.joint_coordinates(number)[part].value) if place is None else s[place + part]  # type: ignore[arg-type]
             away = found - value

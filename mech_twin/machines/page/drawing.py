@@ -25,8 +25,8 @@ from mech_twin.machines.page.assembly import exact_turn
 from mech_twin.machines.page.parameters import GROUND as GROUND_NAME
 from mech_twin.machines.page.parameters import distinct
 from mech_twin.machines.page.roles import PageModel
+from mech_twin.mechanics.code_generation import Expression, Number
 from mech_twin.mechanics.kinematics import Kinematics
-from mech_twin.mechanics.recording import Expression, Number
 from mech_twin.samples import LinkageSample, Shape
 
 COLOURS: tuple[Colour, ...] = (CRANK, ROD, (80, 140, 60), TOOL, (150, 95, 185), (75, 115, 205))

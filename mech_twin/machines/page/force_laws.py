@@ -11,6 +11,7 @@ from mech_twin.machines.page.force_elements import GasCharge, SpringElement
 from mech_twin.machines.page.state_places import HERTZ, NEAR_M, NO_GAP, StartLengths, StatePlaces
 from mech_twin.machines.page.system import LEAST_VOLUME
 from mech_twin.machines.page.tables import Line, Rows, line, repeats, scaled_rows, wrapped
+from mech_twin.mechanics.code_generation import Number, Recording, larger, power, sine, smaller, total
 from mech_twin.mechanics.dynamics import (
     Action,
     JointEffort,
@@ -22,7 +23,6 @@ from mech_twin.mechanics.dynamics import (
     moment_action,
 )
 from mech_twin.mechanics.kinematics import JointRates, Kinematics, MovingPoint, Scalar
-from mech_twin.mechanics.recording import Number, Recording, larger, power, sine, smaller, total
 
 UNKNOWN = math.nan  # rate of a signal that is not told
 

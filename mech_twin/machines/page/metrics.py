@@ -40,8 +40,8 @@ from mech_twin.engine.coupling import is_reset
 from mech_twin.engine.stored_state import begins_with_state
 from mech_twin.errors import StudyError
 from mech_twin.machines.crank_run import LAST, Extremes, over_last
+from mech_twin.machines.page.equations import PageInstant
 from mech_twin.machines.page.force_laws import PageNumbers
-from mech_twin.machines.page.functions import PageInstant
 from mech_twin.machines.page.parameters import Page, distinct
 from mech_twin.machines.page.roles import PageModel
 from mech_twin.samples import Event, Frame, LinkageSample
@@ -203,7 +203,7 @@ class PageRun:
         for event in events:
             if event.kind == "impact":
                 self._blow(event.contact, event.impulse_ns, event.pre_velocity_m_per_s, event.post_velocity_m_per_s)
-            if shared.rods.tells(event):
+            if shared.rods.has_reading(event):
                 if self._recent[event.contact].is_blow(event.time_s, striker_energy(event)):
                     self._rods[event.contact].append(shared.rods.numbers(event))
                     self._struck[event.contact] = linkage

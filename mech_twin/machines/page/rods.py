@@ -22,7 +22,7 @@ from mech_twin.parts.rod_waves.parameters import GridPiece, Wall, WaveGrid, Wave
 from mech_twin.parts.rod_waves.struck_tool import (
     NO_CURVE,
     NO_FORCES,
-    LedBlow,
+    BlowSimulation,
     blow_and_metrics,
     gauge_curve,
     gauge_numbers,
@@ -56,7 +56,7 @@ class ContactRod(WaveTool):
     wall: RodWall = choice("the wall behind the rod", default=RodWall())
 
     @model_validator(mode="after")
-    def _can_be_led(self) -> Self:
+    def _can_be_simulation_of(self) -> Self:
         if self.unseated_gap_m != WaveTool.model_fields["unseated_gap_m"].default:
             raise ValueError("unseated_gap_m has no effect here: the rod of a page stands in its seat")
         wave_grid(self, 0.0, "")
@@ -128,7 +128,7 @@ class PageRods:
         """A row of numbers for each rod."""
         return np.array([grid_row(grid) for grid in self.grids.values()]).reshape(len(self.grids), ROD_COLUMNS)
 
-    def tells(self, event: Event) -> bool:
+    def has_reading(self, event: Event) -> bool:
         """Return whether an event is a blow on a rod."""
         return self.meets(event) and event.pre_velocity_m_per_s > CLOSES
 
@@ -136,7 +136,7 @@ class PageRods:
         """Return whether an event is an impulse on a rod: a blow, or one that a body at rest on it passes on."""
         return event.kind == "impact" and event.contact in self.rods and event.impulse_ns > 0.0
 
-    def _led(self, event: Event) -> tuple[WaveGrid, float, LedBlow]:
+    def _simulation_of(self, event: Event) -> tuple[WaveGrid, float, BlowSimulation]:
         """Return the grid of an event's blow, the striker's mass (kg), and what leads it once more."""
         closing = event.pre_velocity_m_per_s
         mass = event.impulse_ns / (closing - event.post_velocity_m_per_s)
@@ -146,8 +146,8 @@ class PageRods:
     def numbers(self, event: Event) -> dict[str, float]:
         """Return the numbers of an event's blow."""
         rod = self.rods[event.contact]
-        grid, mass, lead = self._led(event)
-        found, metrics = blow_and_metrics(grid, rod.life.line, lead)
+        grid, mass, simulate = self._simulation_of(event)
+        found, metrics = blow_and_metrics(grid, rod.life.line, simulate)
         if rod.wall.kind == "yielding":
             metrics["overtravel_m"] = metrics["tool_energy_j"] / rod.wall.threshold_n
         if rod.head.length_m > 0.0:
@@ -166,12 +166,12 @@ class PageRods:
             return None
 
         def numbers(event: Event) -> tuple[float, ...]:
-            grid, _, lead = self._led(event)
-            return gauge_numbers(grid, lead(NO_CURVE, NO_FORCES))
+            grid, _, simulate = self._simulation_of(event)
+            return gauge_numbers(grid, simulate(NO_CURVE, NO_FORCES))
 
         def curve(event: Event) -> GaugeCurve:
-            grid, _, lead = self._led(event)
-            return GaugeCurve(*gauge_curve(grid, lead))
+            grid, _, simulate = self._simulation_of(event)
+            return GaugeCurve(*gauge_curve(grid, simulate))
 
         curves = tuple(name for name, rod in self.rods.items() if rod.gauge_curve)
         return BlowGauge("impact", tuple(self.rods), numbers, curve, curves)

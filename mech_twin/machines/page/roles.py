@@ -15,8 +15,7 @@ from mech_twin.engine.sample_vectors import COMMAND, Array, EventLayout, ForceLa
 from mech_twin.errors import MotionError
 from mech_twin.machines.page.assembly import Assembly
 from mech_twin.machines.page.elements import DriveElement
-from mech_twin.machines.page.force_laws import PageNumbers
-from mech_twin.machines.page.functions import (
+from mech_twin.machines.page.equations import (
     Functions,
     PageInstant,
     drive_row,
@@ -25,6 +24,7 @@ from mech_twin.machines.page.functions import (
     functions_of,
     start_state,
 )
+from mech_twin.machines.page.force_laws import PageNumbers
 from mech_twin.machines.page.parameters import Page
 from mech_twin.machines.page.rods import PageRods
 from mech_twin.machines.page.state_places import StatePlaces, check_lines

@@ -7,10 +7,10 @@ import numpy as np
 
 from mech_twin.engine.compiled_steps import Work, copy_numbers, force_step, linkage_step, motor_step, step_of, work_room
 from mech_twin.engine.hybrid.complementarity import SOLVED
-from mech_twin.engine.hybrid.declared import declared
 from mech_twin.engine.hybrid.laws import OPEN, Array, Equations, Indices
 from mech_twin.engine.hybrid.loop import CONTRADICTS, advance, let_open, room_sizes
 from mech_twin.engine.hybrid.motion import find_accelerations, prepare_instant, settle_regimes
+from mech_twin.engine.hybrid.type_erasure import declared
 from mech_twin.engine.sample_vectors import COMMAND, LINKAGE_JOINTS, MOTOR_COMMAND, MOTOR_JOINTS, PINS, REGIME
 from mech_twin.kernels.kernel import borrowing_kernel, kernel
 from mech_twin.machines.page.system import (
@@ -24,7 +24,7 @@ from mech_twin.machines.page.system import (
     starting_regimes,
     tell_regimes,
 )
-from mech_twin.mechanics.recording import call_straight_line
+from mech_twin.mechanics.code_generation import call_straight_line
 from mech_twin.parts.induction_motor import (
     MotorConstants,
     limited_change,
@@ -179,7 +179,7 @@ def fill_state(model: PageMachine, linkage: Array, y: Array, regimes: Indices) -
 
 
 @borrowing_kernel
-def fill_found(model: PageMachine, linkage: Array) -> None:
+def restore_solution(model: PageMachine, linkage: Array) -> None:
     """Fill the controls with accelerations, law forces and drive efforts from the memory of a linkage row."""
     s = model.system
     place = memory_place(model) + s.law_count + s.switches + model.kept
@@ -370,7 +370,7 @@ def fill_forces(model: PageForces, t: float, linkage: Array, y: Array, regimes: 
     machine, s = model.machine, model.machine.system
     fill_state(machine, linkage, y, regimes)
     tell_regimes(s, regimes)
-    fill_found(machine, linkage)
+    restore_solution(machine, linkage)
     call_straight_line(model.reactions, s.numbers, s.controls, t, y, model.found)
     out[0] = 0.0
     for i in range(3 * model.pins + model.quantities):

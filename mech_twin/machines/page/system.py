@@ -12,7 +12,7 @@ from mech_twin.engine.hybrid.motion import prepare_instant
 from mech_twin.engine.integration import DORMAND_PRINCE_5, Workspace
 from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel
 from mech_twin.machines.page.rods import rod_restitution
-from mech_twin.mechanics.recording import call_straight_line
+from mech_twin.mechanics.code_generation import call_straight_line
 
 PHASE, PORT, TOUCH, BEND, RESET = range(5)  # what a switch is
 IMPACT, CONTACT, RELEASE, STICK, SLIP, SWITCH = range(6)

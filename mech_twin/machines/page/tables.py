@@ -7,7 +7,7 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from mech_twin.mechanics.recording import Number, floor_of, larger
+from mech_twin.mechanics.code_generation import Number, floor_of, larger
 
 MOST_ROWS = 50
 LARGEST = 1e9

@@ -12,9 +12,9 @@ import numpy as np
 
 from mech_twin.engine.compiled_steps import LOG_FULL, fill_event
 from mech_twin.engine.hybrid import laws
-from mech_twin.engine.hybrid.declared import declared
 from mech_twin.engine.hybrid.laws import HIGH, HOLD, LOW, OPEN, Array, Equations, Indices
 from mech_twin.engine.hybrid.loop import ENDED, MOST_PIECES, MOST_STEPS, UNSTEADY, advance, room_in, room_sizes
+from mech_twin.engine.hybrid.type_erasure import declared
 from mech_twin.engine.integration import DORMAND_PRINCE_8, SHORTEST_S
 from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel, inline_kernel, kernel
 from mech_twin.machines.roller_former.cart_parameters import NONE, PRINTED
@@ -70,9 +70,9 @@ def sense_of(regime: int) -> float:
 
 
 @embedded_kernel
-def law_of(sticks: bool, speed: float, sense: float) -> int:
+def regime_of(sticks: bool, speed: float, sense: float) -> int:
     """Return the regime of a law; at rest that of the stored direction."""
-    return laws.law_of(speed if speed != 0.0 else sense) if sticks else OPEN
+    return laws.regime_of(speed if speed != 0.0 else sense) if sticks else OPEN
 
 
 @embedded_kernel
@@ -229,7 +229,7 @@ def pass_event(motion: FormerMotion, which: int, t: float, y: Array, regimes: In
         y[CRANK], kept[PASSED] = kept[LOW_RAD], -1.0
     elif which == ENGAGES:
         kept[SHARE], regimes[LOAD_ON] = 1.0 if former.load_rise_s == 0.0 else 0.0, 1
-        regimes[CRANK_LAW] = law_of(may_stick(former, True), y[SPEED], 1.0)
+        regimes[CRANK_LAW] = regime_of(may_stick(former, True), y[SPEED], 1.0)
         return log_former(motion, t, ENGAGED_EVENT, y[CRANK], log, count)
     elif which == STOPS:
         y[CRANK] = motion.stop_rad
@@ -299,8 +299,8 @@ def begin_modes(former: Former, torque: MotorInStep, y: Array, modes: Any, kept:
         kept[SLOW_S] = 0.0
     kept[SHARE] = 1.0 if load_on and former.load_rise_s == 0.0 else modes.load_share_1
     kept[SINCE_S], kept[PASSED] = 0.0, 0.0
-    regimes[CRANK_LAW] = law_of(may_stick(former, load_on), y[SPEED], modes.direction_1)
-    regimes[DRIVE_LAW] = law_of(gear_holds, y[DRIVE], modes.drive_direction_1)
+    regimes[CRANK_LAW] = regime_of(may_stick(former, load_on), y[SPEED], modes.direction_1)
+    regimes[DRIVE_LAW] = regime_of(gear_holds, y[DRIVE], modes.drive_direction_1)
     regimes[LOAD_ON], regimes[IS_SLOW] = 1 if load_on else 0, 1 if kept[SLOW_S] >= 0.0 else 0
     regimes[IS_STALLED] = 1 if stalled else 0
 

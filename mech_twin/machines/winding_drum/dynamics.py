@@ -24,9 +24,9 @@ from typing import NamedTuple
 
 from mech_twin.engine.compiled_steps import fill_event
 from mech_twin.engine.hybrid import laws
-from mech_twin.engine.hybrid.declared import declared
-from mech_twin.engine.hybrid.laws import HOLD, Array, Equations, Indices, law_of
+from mech_twin.engine.hybrid.laws import HOLD, Array, Equations, Indices, regime_of
 from mech_twin.engine.hybrid.loop import MOST_STEPS, TOO_LONG, UNSTEADY, advance, room_in
+from mech_twin.engine.hybrid.type_erasure import declared
 from mech_twin.engine.integration import DORMAND_PRINCE_5, DORMAND_PRINCE_8
 from mech_twin.engine.sample_vectors import EVENT_WIDTH, PRE_VELOCITY, SIDES
 from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel, kernel
@@ -274,7 +274,7 @@ def let_go(motion: DrumSystem, which: int, t: float, y: Array, regimes: Indices,
     """Release yarn and drive at the end of the package."""
     theta, last = yarn_speed(motion, t), motion.last
     omega = theta / tangent_arm(motion.package, last.radius_m, y[ANGLE])
-    y[SPEED], regimes[YARN_ON], regimes[SHAFT] = omega, 0, law_of(omega)
+    y[SPEED], regimes[YARN_ON], regimes[SHAFT] = omega, 0, regime_of(omega)
     log_drum(motion, t, END_KIND, PACKAGE_CONTACT, y[ANGLE], log, count)
     log[count, PRE_VELOCITY], log[count, EVENT_WIDTH + 1], log[count, EVENT_WIDTH + 4] = theta, omega, omega
     log[count, EVENT_WIDTH + 2] = drive_torque(motion.package, last, y[ANGLE], theta, motion.acceleration_m_per_s2)

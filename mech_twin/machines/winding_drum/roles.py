@@ -14,7 +14,7 @@ import numpy as np
 from mech_twin.engine.addresses import record_at, record_of
 from mech_twin.engine.compiled_roles import CompiledLinkage
 from mech_twin.engine.compiled_steps import Work, copy_numbers, force_step, linkage_step, step_of, work_room
-from mech_twin.engine.hybrid.laws import HOLD, law_of
+from mech_twin.engine.hybrid.laws import HOLD, regime_of
 from mech_twin.engine.hybrid.loop import MOST_PIECES, MOST_STEPS, room_sizes
 from mech_twin.engine.sample_vectors import (
     MOTOR_COMMAND,
@@ -184,7 +184,7 @@ def drum_step(
     copy_numbers(linkage, out)
     now, regime = named(out), int(linkage[REGIME])
     last, first, theta, a, left = wound_at(p, now.radius_m), wound_at(p, now.radius_m), 0.0, 0.0, inf
-    regimes[SHAFT], regimes[YARN_ON] = law_of(now.drum_rad_per_s), 0
+    regimes[SHAFT], regimes[YARN_ON] = regime_of(now.drum_rad_per_s), 0
     if regime == RUNNING:
         last, first = wound_at(p, model.end_radius_m), wound_by_yarn(p, start, now.yarn_m, now.radius_m)
         theta, a = now.yarn_m_per_s, (motor[MOTOR_JOINTS + 1] - now.yarn_m_per_s) / h

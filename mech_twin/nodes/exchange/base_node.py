@@ -31,7 +31,7 @@ from mech_twin.nodes.exchange.counting import (
     TopicStatistics,
     array_message,
 )
-from mech_twin.nodes.exchange.hand_over import HandOver, Listener, ReceivedBytes, ReceivedStep, Step
+from mech_twin.nodes.exchange.direct_exchange import HandOver, Listener, ReceivedBytes, ReceivedStep, Step
 from mech_twin.nodes.exchange.parameter_bridge import declare_machine, declared_tree, given_parameters
 from mech_twin.nodes.exchange.peers import new_source
 from mech_twin.parameters.errors import refusal

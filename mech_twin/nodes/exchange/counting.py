@@ -20,7 +20,7 @@ from rclpy.serialization import serialize_message
 from mech_twin.engine.trajectory import ResidualWindow, broken_lines
 from mech_twin.messages.step_message import set_stamp
 from mech_twin.messages.topics import PeakHoldWindow, StreamWindow, Topic
-from mech_twin.nodes.exchange.hand_over import HandedBytes, HandedStep, StepChannel
+from mech_twin.nodes.exchange.direct_exchange import HandedBytes, HandedStep, StepChannel
 from mech_twin.samples import Named
 
 if TYPE_CHECKING:

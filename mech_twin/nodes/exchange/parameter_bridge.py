@@ -37,7 +37,7 @@ def descriptor(key: Key) -> ParameterDescriptor:
     text = f"{key.field.description or key.name}{f' [{key.unit}]' if key.unit else ''}"
     described = ParameterDescriptor(name=key.name, description=text, read_only=not key.live)
     choices = _choices(key.field.annotation)
-    bounds = [f"{sign} {bound:g}" for word, sign in SIGNS.items() for bound in _given(key.field, word)]
+    bounds = [f"{sign} {bound:g}" for word, sign in SIGNS.items() for bound in _bounds_of_kind(key.field, word)]
     described.additional_constraints = ", ".join([*([f"one of {', '.join(choices)}"] if choices else []), *bounds])
     if choices:
         described.description += f" ({', '.join(choices)})"
@@ -80,12 +80,13 @@ def live_keys(parameters: Parameters) -> list[dict[str, Any]]:
 
 def _bounds(field: FieldInfo) -> tuple[float | None, float | None]:
     low, high = (
-        next((bound for word in words for bound in _given(field, word)), None) for words in (("ge", "gt"), ("le", "lt"))
+        next((bound for word in words for bound in _bounds_of_kind(field, word)), None)
+        for words in (("ge", "gt"), ("le", "lt"))
     )
     return low, high
 
 
-def _given(field: FieldInfo, word: str) -> list[float]:
+def _bounds_of_kind(field: FieldInfo, word: str) -> list[float]:
     """Return the bounds of a kind that a key has: one or none."""
     return [getattr(bound, word) for bound in field.metadata if hasattr(bound, word)]
 

@@ -25,7 +25,7 @@ from rclpy.task import Future
 
 from mech_twin.nodes.exchange.base_node import TwinNode
 from mech_twin.nodes.exchange.counting import StepPublisher
-from mech_twin.nodes.exchange.hand_over import HandOver
+from mech_twin.nodes.exchange.direct_exchange import HandOver
 
 LONGEST_WAIT_S = 0.1
 SHORTEST_WAIT_S = 1e-4

@@ -51,7 +51,7 @@ from mech_twin.messages.topics import (
 from mech_twin.nodes.exchange.base_node import RunOptions
 from mech_twin.nodes.exchange.parameter_bridge import offer
 from mech_twin.nodes.roles.follower_node import FollowerNode
-from mech_twin.nodes.roles.stepping import Ration
+from mech_twin.nodes.roles.run_control import Ration
 from mech_twin.roles import BodyRole
 from mech_twin.samples import BodySample, EffortCommand, ForceSample, LinkageSample, MotorSample
 

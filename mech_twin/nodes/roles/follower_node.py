@@ -15,7 +15,7 @@ from mech_twin.messages.step_message import ConfigurationMark, StepCodec
 from mech_twin.messages.step_message import linkage as linkage_messages
 from mech_twin.messages.topics import DESCRIPTION, EVERY_LATCHED, REJOIN, Topic
 from mech_twin.nodes.exchange.base_node import RunOptions
-from mech_twin.nodes.exchange.hand_over import HandedStep, Step
+from mech_twin.nodes.exchange.direct_exchange import HandedStep, Step
 from mech_twin.nodes.exchange.peers import ASK_AGAIN_S, Admission, SourceLock
 from mech_twin.nodes.roles.role_node import RETRY_S, RoleNode
 from mech_twin.parameters.description import Description, description

@@ -28,7 +28,7 @@ from mech_twin.messages.topics import (
     type_name,
 )
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
-from mech_twin.nodes.exchange.hand_over import Handed, ReceivedBytes
+from mech_twin.nodes.exchange.direct_exchange import Handed, ReceivedBytes
 from mech_twin.parameters.description import description
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.recording.bag_contents import stamp_ns

@@ -22,12 +22,19 @@ from mech_twin.errors import StateError
 from mech_twin.messages.cdr import StepMessage
 from mech_twin.messages.step_message import ANONYMOUS, StepCodec, arranged, body, force, motor
 from mech_twin.nodes.exchange.base_node import RunOptions
-from mech_twin.nodes.exchange.hand_over import Step
+from mech_twin.nodes.exchange.direct_exchange import Step
 from mech_twin.nodes.exchange.parameter_bridge import offer
 from mech_twin.nodes.exchange.peers import Admission, Answer, PeerWait, SourceLock, SteppingBarrier
 from mech_twin.nodes.roles.linkage_topics import LinkageOutputs, LinkageRejoin
 from mech_twin.nodes.roles.role_node import PLACES, RETRY_S, RoleNode
-from mech_twin.nodes.roles.stepping import LagNotice, Ration, RequestOutcome, StepPacer, SteppingServices, answer_later
+from mech_twin.nodes.roles.run_control import (
+    LagNotice,
+    Ration,
+    RequestOutcome,
+    StepPacer,
+    SteppingServices,
+    answer_later,
+)
 from mech_twin.parameters.description import description_text
 from mech_twin.parameters.load import RUN_GROUP, changed_configuration, is_of_ros
 from mech_twin.samples import BodySample, LinkageSample, MotorSample

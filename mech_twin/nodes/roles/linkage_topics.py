@@ -39,7 +39,7 @@ from mech_twin.messages.topics import (
 )
 from mech_twin.nodes.exchange.base_node import TwinNode
 from mech_twin.nodes.exchange.counting import CountingPublisher
-from mech_twin.nodes.exchange.hand_over import HandedStep, Step
+from mech_twin.nodes.exchange.direct_exchange import HandedStep, Step
 from mech_twin.nodes.exchange.peers import ASK_AGAIN_S, UNKNOWN, HostClaims, other_publishers
 from mech_twin.nodes.roles.role_node import RoleNode
 from mech_twin.parameters.description import Description, description

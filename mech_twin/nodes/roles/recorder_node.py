@@ -38,7 +38,7 @@ from mech_twin.messages.topics import (
 )
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
 from mech_twin.nodes.exchange.counting import StepSequence
-from mech_twin.nodes.exchange.hand_over import Handed, HandedStep, Listener, ReceivedBytes
+from mech_twin.nodes.exchange.direct_exchange import Handed, HandedStep, Listener, ReceivedBytes
 from mech_twin.nodes.exchange.parameter_bridge import offer
 from mech_twin.nodes.exchange.peers import Admission, HeardSource, LivingPublishers
 from mech_twin.parameters.description import description_text

@@ -21,7 +21,7 @@ from mech_twin.messages.cdr import StepMessage
 from mech_twin.messages.step_message import CODECS, MessageError
 from mech_twin.messages.topics import EVERY, SCENE, STEP_LINKAGE, step_topics
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
-from mech_twin.nodes.exchange.hand_over import Step
+from mech_twin.nodes.exchange.direct_exchange import Step
 from mech_twin.nodes.exchange.peers import Admission, HeardSource
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.samples import Drawing, Frame, Sample, Shape

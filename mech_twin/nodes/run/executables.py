@@ -153,7 +153,7 @@ def ends_run(name: str, exit_code: int, respawn: bool) -> bool:
     return exit_code == REFUSED or not respawn
 
 
-def several(machines: str, record: str = "", view: str = "") -> list[LaunchRequest]:
+def launch_requests(machines: str, record: str = "", view: str = "") -> list[LaunchRequest]:
     """Return a request for each of ``[NAMESPACE=]MACHINE,...``; each has its own namespace, recording and view file.
 
     Raises

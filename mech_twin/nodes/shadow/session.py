@@ -31,7 +31,7 @@ from mech_twin.messages.topics import (
     type_name,
 )
 from mech_twin.nodes.exchange.base_node import TwinNode, sent_messages
-from mech_twin.nodes.exchange.hand_over import Handed, ReceivedBytes
+from mech_twin.nodes.exchange.direct_exchange import Handed, ReceivedBytes
 from mech_twin.nodes.exchange.parameter_bridge import watch_parameters
 from mech_twin.nodes.exchange.spinner import Spinner, destroy_nodes
 from mech_twin.nodes.roles.recorder_node import REPAIR_S

@@ -35,7 +35,7 @@ from mech_twin.messages.topics import (
 )
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode, with_info
 from mech_twin.nodes.exchange.counting import CountingPublisher
-from mech_twin.nodes.exchange.hand_over import ReceivedBytes
+from mech_twin.nodes.exchange.direct_exchange import ReceivedBytes
 from mech_twin.nodes.shadow.inputs import (
     COMMAND,
     FollowedTopic,

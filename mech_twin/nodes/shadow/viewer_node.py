@@ -21,8 +21,8 @@ from mech_twin.samples import BodySample, Frame, LinkageSample, Shape
 from mech_twin.studies.advice import Recommendation
 from mech_twin.studies.identification.verdicts import KeyVerdict
 from mech_twin.studies.live_monitor import LiveMonitor
+from mech_twin.studies.monitoring.diagnosis import Candidate
 from mech_twin.studies.monitoring.findings import FaultLife
-from mech_twin.studies.monitoring.naming import Candidate
 from mech_twin.studies.observer.estimate import FrameEstimate, SeenSample, SensedChannel
 from mech_twin.studies.observer.filter_state import GATE
 from mech_twin.view.annotations import Card

@@ -25,8 +25,8 @@ from mech_twin.parts.rod_waves.chain import (
     Section,
     advance,
     chain_of,
+    contact_law_of,
     contact_loss,
-    law_of,
     rod_energy,
     rod_mass,
     rod_momentum,
@@ -107,7 +107,7 @@ def has_parted(chain: Chain, state: ChainState, window: Window, idle: Array, qui
     contacts = len(chain.starts)
     for contact in range(window.struck, contacts):
         wall = contact == contacts - 1
-        law = law_of(chain, contact)
+        law = contact_law_of(chain, contact)
         if wall and law.kind == PIECEWISE and law.loading == 0.0:
             continue
         if idle[contact] < quiet:
@@ -148,10 +148,10 @@ def stress_extremes(chain: Chain, state: ChainState, extremes: Array) -> None:
 
 
 @kernel
-def lead_blow(
+def simulate_blow(
     chain: Chain, state: ChainState, window: Window, idle: Array, gauge: Array, forces: Array, stride: int
 ) -> RodBlow:
-    """Lead a blow to its end; the state is changed in place.
+    """Simulate a blow to its end; the state is changed in place.
 
     Parameters
     ----------
@@ -229,7 +229,7 @@ def lead_blow(
         back,
         contact_loss(chain, state, last),
         wall_work,
-        permanent(law_of(chain, last), state.most_m[last]),
+        permanent(contact_law_of(chain, last), state.most_m[last]),
         wall_peak,
         peak,
         pressed,
@@ -263,12 +263,12 @@ def share_of_mass(a: float) -> float:
     return float(4.0 * a * a ** (-2.0 * a / (a - 1.0)))
 
 
-def led_share_of_rectangle(x: float, cells: int = CELLS) -> float:
+def simulated_share_of_rectangle(x: float, cells: int = CELLS) -> float:
     """Return the share of the rod as a striker, led on a grid of so many cells a striker."""
-    return led_share_of_steps(((1.0, 1.0),), x, cells)
+    return simulated_share_of_steps(((1.0, 1.0),), x, cells)
 
 
-def led_share_of_steps(steps: Steps, x: float, cells: int = CELLS) -> float:
+def simulated_share_of_steps(steps: Steps, x: float, cells: int = CELLS) -> float:
     """Return the share of a striker of several sections, led on a grid of so many cells a striker.
 
     Parameters
@@ -286,20 +286,20 @@ def led_share_of_steps(steps: Steps, x: float, cells: int = CELLS) -> float:
     wall = linear_contact(0.5 * x)  # striker of transit time 1
     chain, state = chain_of(rods, [FREE_END, RIGID_FACE, wall], [0.0, 0.0, 0.0], 1.0 / cells)
     set_speed(chain, state, 0, own, 1.0)
-    return _led(chain, state, 1, 15.9)
+    return _simulated_share(chain, state, 1, 15.9)
 
 
-def led_share_of_mass(a: float, cells: int = CELLS) -> float:
+def simulated_share_of_mass(a: float, cells: int = CELLS) -> float:
     """Return the share of the rigid striker, led on a grid of so many cells a unit of time M/Z."""
     chain, state = chain_of(
         [[UNIT._replace(cells=8 * cells)]], [RIGID_FACE, linear_contact(a)], [0.0, 0.0], 1.0 / cells, 1.0
     )
     state.mass_speed[0] = 1.0
-    return _led(chain, state, 0, 15.9)
+    return _simulated_share(chain, state, 0, 15.9)
 
 
-def _led(chain: Chain, state: ChainState, struck: int, limit_s: float) -> float:
+def _simulated_share(chain: Chain, state: ChainState, struck: int, limit_s: float) -> float:
     none = np.zeros((0, 2))
     room = np.zeros(len(chain.starts))
-    found = lead_blow(chain, state, Window(struck, 0, limit_s), room, none, np.zeros((0, 1)), 1)
+    found = simulate_blow(chain, state, Window(struck, 0, limit_s), room, none, np.zeros((0, 1)), 1)
     return float(found.wall_peak_work_j / found.striker_energy_j)

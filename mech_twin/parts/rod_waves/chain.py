@@ -71,7 +71,7 @@ class ChainState(NamedTuple):
 
 
 @borrowing_kernel
-def law_of(chain: Chain, contact: int) -> ContactLaw:
+def contact_law_of(chain: Chain, contact: int) -> ContactLaw:
     """Return the law of a contact."""
     row = chain.laws[contact]
     return ContactLaw(int(row[0]), row[1], row[2], row[3], row[4], row[5])
@@ -132,7 +132,7 @@ def set_speed(chain: Chain, state: ChainState, first: int, last: int, speed: flo
 
 
 @borrowing_kernel
-def meet(chain: Chain, state: ChainState, contact: int) -> None:
+def find_contact_force(chain: Chain, state: ChainState, contact: int) -> None:
     """Find the mean force of a contact over the next step and book its work."""
     at, cells = chain.starts[contact], len(chain.impedance)
     closing = yielding = 0.0
@@ -143,7 +143,7 @@ def meet(chain: Chain, state: ChainState, contact: int) -> None:
     if at < cells:
         closing += 2.0 * state.q[at] / chain.impedance[at]
         yielding += 1.0 / chain.impedance[at]
-    law, start = law_of(chain, contact), state.compression_m[contact]
+    law, start = contact_law_of(chain, contact), state.compression_m[contact]
     force, change = force_of_step(law, state.most_m[contact], start, closing, yielding, chain.span_s)
     state.force_n[contact] = force
     state.work_j[contact] += force * change
@@ -180,7 +180,7 @@ def advance(chain: Chain, state: ChainState) -> None:
     """Advance a chain by one step of time, the transit time of a cell."""
     contacts = len(chain.starts)
     for contact in range(contacts):
-        meet(chain, state, contact)
+        find_contact_force(chain, state, contact)
     if chain.mass_kg > 0.0:
         state.mass_speed[0] -= state.force_n[0] * chain.span_s / chain.mass_kg
     for left in range(contacts - 1):
@@ -231,5 +231,5 @@ def contact_loss(chain: Chain, state: ChainState, contact: int) -> float:
     """
     if state.force_n[contact] == 0.0:
         return float(state.work_j[contact])
-    law = law_of(chain, contact)
+    law = contact_law_of(chain, contact)
     return float(state.work_j[contact] - stored(law, state.most_m[contact], state.compression_m[contact]))

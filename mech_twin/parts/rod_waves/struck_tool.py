@@ -9,12 +9,15 @@ from collections.abc import Callable
 import numpy as np
 
 from mech_twin.kernels.kernel import kernel
-from mech_twin.parts.rod_waves.blow import RodBlow, Window, lead_blow
+from mech_twin.parts.rod_waves.blow import RodBlow, Window, simulate_blow
 from mech_twin.parts.rod_waves.chain import Array, Chain, ChainState, set_speed
 from mech_twin.parts.rod_waves.contact_law import BOND, LAW_COLUMNS
-from mech_twin.parts.rod_waves.parameters import GridPiece, StressLine, WaveGrid, blow_damage
+from mech_twin.parts.rod_waves.fatigue import StressLine, blow_damage
+from mech_twin.parts.rod_waves.parameters import GridPiece, WaveGrid
 
-LedBlow = Callable[[Array, Array], RodBlow]  # leads a blow; rooms for both waves at the gauge and for the forces
+BlowSimulation = Callable[
+    [Array, Array], RodBlow
+]  # simulates a blow; rooms for both waves at the gauge and for the forces
 NO_CURVE, NO_FORCES = np.empty((0, 2)), np.empty((0, 1))
 LARGEST_HEAD = 0.9  # of the striker's mass: the rest moves it as a rigid body
 
@@ -92,12 +95,12 @@ def state_before(grid: WaveGrid, chain: Chain, closing: float, tool_speed: float
 def rod_blow(
     grid: WaveGrid, striker_kg: float, closing: float, tool_speed: float, seated: bool, gauge: Array, forces: Array
 ) -> RodBlow:
-    """Return the blow of a striker on the tool; ``gauge`` and ``forces`` as in `lead_blow`, a row a step."""
+    """Return the blow of a striker on the tool; ``gauge`` and ``forces`` as in `simulate_blow`, a row a step."""
     chain = empty_chain(grid, striker_kg)
     state = state_before(grid, chain, closing, tool_speed, seated)
     idle, head = np.zeros(len(chain.starts)), grid.head.cells
     window = Window(1 if head > 0 else 0, head + grid.gauge, grid.window_s)
-    return lead_blow(chain, state, window, idle, gauge, forces, 1)
+    return simulate_blow(chain, state, window, idle, gauge, forces, 1)
 
 
 def place_m(grid: WaveGrid, transit_s: float) -> float:
@@ -173,15 +176,17 @@ def life_numbers(grid: WaveGrid, line: StressLine, found: RodBlow, forces: Array
     return {"damage_per_blow": damage, "damage_place_m": place, "life_blows": 1.0 / damage if damage > 0.0 else 0.0}
 
 
-def gauge_curve(grid: WaveGrid, lead: LedBlow) -> tuple[float, Array, Array]:
+def gauge_curve(grid: WaveGrid, simulate: BlowSimulation) -> tuple[float, Array, Array]:
     """Return span (s), force (N) and strain at the gauge over a blow, a number each step of the grid."""
     room = np.zeros((int(grid.window_s / grid.span_s) + 1, 2))
-    force = room[: lead(room, NO_FORCES).steps].sum(axis=1)
+    force = room[: simulate(room, NO_FORCES).steps].sum(axis=1)
     return grid.span_s, force, strain_per_n(grid) * force
 
 
-def blow_and_metrics(grid: WaveGrid, line: StressLine | None, lead: LedBlow) -> tuple[RodBlow, dict[str, float]]:
+def blow_and_metrics(
+    grid: WaveGrid, line: StressLine | None, simulate: BlowSimulation
+) -> tuple[RodBlow, dict[str, float]]:
     """Return a blow and its metrics of rods, contacts and wall; of its life where an S-N line is given."""
     forces = NO_FORCES if line is None else force_room(grid)
-    found = lead(NO_CURVE, forces)
+    found = simulate(NO_CURVE, forces)
     return found, {**rod_numbers(grid, found), **({} if line is None else life_numbers(grid, line, found, forces))}

@@ -235,7 +235,7 @@ def _settled_choice(
                 places = [i for i in places if i in again or i not in chosen]
                 chosen, around = again, around_fit(question, fewer)
         progress("intervals")
-        around, known = settled(question, around, chosen, progress)
+        around, known = converged_fit(question, around, chosen, progress)
         if wanted or set(around.seen.estimated(places)) == set(chosen):
             break
     return around, chosen, known
@@ -313,7 +313,7 @@ def predictable(question: IdentificationQuestion, around: AroundFit, progress: P
     return around
 
 
-def settled(
+def converged_fit(
     question: IdentificationQuestion, around: AroundFit, chosen: Sequence[int], progress: Progress = quiet
 ) -> tuple[AroundFit, Uncertainty]:
     """Return the converged fit, and the uncertainty of its unknowns.

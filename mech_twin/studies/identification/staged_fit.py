@@ -115,7 +115,7 @@ def searched(
     for attempt in range(ATTEMPTS):
         found, early = _ends(problem, seed + ATTEMPTS * attempt, attempt > 0, progress, scheduler)
         ended = sorted(found if early else [*ended, *found], key=noise_misfit)
-        seen = _seen(ended)
+        seen = _search_summary(ended)
         # starts from about a fit alone agree with it wherever it ended
         if early or refutation(ended[0]) is None or (attempt > 0 and seen.agreed):
             break
@@ -179,7 +179,7 @@ def _alike(one: Fitted, other: Fitted) -> bool:
     return True
 
 
-def _seen(found: list[Fitted]) -> Search:
+def _search_summary(found: list[Fitted]) -> Search:
     valleys = _valleys(found)
     margin = noise_misfit(valleys[1][0]) / noise_misfit(found[0]) if len(valleys) > 1 else np.inf
     return Search(len(found), len(valleys), len(valleys[0]), margin)

@@ -21,7 +21,7 @@ from pydantic import Field
 from mech_twin.capabilities.cycle import Array
 from mech_twin.studies.monitoring.baseline import Size
 from mech_twin.studies.monitoring.charts import ChartValues
-from mech_twin.studies.monitoring.naming import Candidate
+from mech_twin.studies.monitoring.diagnosis import Candidate
 from mech_twin.studies.monitoring.operating import OperatingValue
 
 State = Literal["cleared", "pending", "active", "latched"]

@@ -24,9 +24,9 @@ from mech_twin.capabilities.cycle import Array
 from mech_twin.errors import StudyError
 from mech_twin.studies.monitoring.baseline import joined_runs
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
+from mech_twin.studies.monitoring.diagnosis import Candidate
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
-from mech_twin.studies.monitoring.naming import Candidate
-from mech_twin.studies.monitoring.report import Alarm, judged
+from mech_twin.studies.monitoring.report import Alarm, judged_run
 
 LATE_CYCLES = 200  # newest cycles, whose mean is compared
 LEAST_SISTERS = 5
@@ -125,7 +125,7 @@ def judged_member(name: str, setup: MonitorSetup, recordings: Mapping[str, Seque
     for recording, vectors in recordings.items():
         apart = joined_runs([[vectors[0]._replace(number=number)], vectors])[1:]
         number = apart[-1].number
-        found = judged(monitor, apart)
+        found = judged_run(monitor, apart)
         cycles += found.cycles
         alarms += [(recording, alarm) for alarm in found.alarms if alarm.verdict != PASSING]
     shift = late_shift(setup, [vector for vectors in recordings.values() for vector in vectors])

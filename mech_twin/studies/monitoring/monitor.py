@@ -21,6 +21,16 @@ from mech_twin.capabilities.cycle import Array
 from mech_twin.studies.monitoring.baseline import Baseline, Count, Origin
 from mech_twin.studies.monitoring.charts import WINDOW, ChartLimits, ChartState, ChartValues
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
+from mech_twin.studies.monitoring.diagnosis import (
+    MODEL_SHARE,
+    Candidate,
+    Change,
+    Signature,
+    candidates,
+    change_has_cleared,
+    estimated_change,
+    mean_change,
+)
 from mech_twin.studies.monitoring.findings import (
     FaultEvent,
     FaultLife,
@@ -31,16 +41,6 @@ from mech_twin.studies.monitoring.findings import (
     after_cycle,
     finding_name,
     shelved,
-)
-from mech_twin.studies.monitoring.naming import (
-    MODEL_SHARE,
-    Candidate,
-    Change,
-    Signature,
-    candidates,
-    estimated_change,
-    has_gone,
-    mean_change,
 )
 from mech_twin.studies.monitoring.operating import (
     OUTSIDE,
@@ -325,10 +325,10 @@ class Monitor:
         if change is None:
             return "pending", ()
         change, before, known = change.doubted(self._off), episode.change, episode.named
-        if not late and before and known[1] and change.lasts and has_gone(baseline, before, rows):
+        if not late and before and known[1] and change.lasts and change_has_cleared(baseline, before, rows):
             return known
         found = self._explained(change, [whole for *_, whole in since[0 if late else settling :]])
-        if late and not (found[1] and (not known[1] or before is None or change.outgrows(before))):
+        if late and not (found[1] and (not known[1] or before is None or change.exceeds(before))):
             return known
         episode.change = change
         return found

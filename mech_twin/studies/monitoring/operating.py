@@ -33,7 +33,7 @@ from mech_twin.capabilities.cycle import Array
 from mech_twin.kernels.kernel import kernel
 from mech_twin.studies.monitoring.baseline import Numbers
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
-from mech_twin.studies.monitoring.naming import Candidate, Signature
+from mech_twin.studies.monitoring.diagnosis import Candidate, Signature
 
 DEGREE = 3
 MOST_VARIABLES = 20

@@ -18,7 +18,7 @@ from mech_twin.engine.rollout import RollOut, roll_out
 from mech_twin.errors import MotionError
 from mech_twin.studies.monitoring.baseline import feature_runs, regularised
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
-from mech_twin.studies.monitoring.naming import MODEL_SHARE, USED_CYCLES
+from mech_twin.studies.monitoring.diagnosis import MODEL_SHARE, USED_CYCLES
 from mech_twin.studies.monitoring.operating import (
     LIMIT,
     MOVES,

@@ -18,9 +18,9 @@ from mech_twin.measurements.runs import MeasuredRun
 from mech_twin.measurements.units import is_event
 from mech_twin.studies.monitoring.charts import CHARTS
 from mech_twin.studies.monitoring.cycle_features import LONGEST_CYCLE, FeatureFeed, FeatureVector, feed_channels
+from mech_twin.studies.monitoring.diagnosis import Candidate, Change, Signature, fitted_faults
 from mech_twin.studies.monitoring.findings import FaultEvent, FaultLife, Findings
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
-from mech_twin.studies.monitoring.naming import Candidate, Change, Signature, fitted_faults
 from mech_twin.studies.monitoring.operating import OperatingValue
 from mech_twin.studies.monitoring.sensing import Seen, first_channels
 
@@ -113,7 +113,9 @@ class JudgedRun(NamedTuple):
         return tuple(event for event in self.events if event.state == "active")
 
 
-def judged(monitor: Monitor, vectors: Iterable[FeatureVector], skipped: int = 0, until_s: float = -np.inf) -> JudgedRun:
+def judged_run(
+    monitor: Monitor, vectors: Iterable[FeatureVector], skipped: int = 0, until_s: float = -np.inf
+) -> JudgedRun:
     """Return the monitor's result for the cycles of a run, whose samples end at ``until_s``."""
     alarms: list[Alarm] = []
     events: list[FaultEvent] = []

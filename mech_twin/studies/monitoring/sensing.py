@@ -21,7 +21,7 @@ from mech_twin.measurements.units import is_angle, is_event
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.roles import Machine
 from mech_twin.studies.monitoring.cycle_features import FeatureFeed, FeatureVector, feed_channels
-from mech_twin.studies.monitoring.naming import USED_CYCLES
+from mech_twin.studies.monitoring.diagnosis import USED_CYCLES
 
 DRAWS = 3  # random draws of the sensors' noise
 LONGEST_S = 120.0

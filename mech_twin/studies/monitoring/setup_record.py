@@ -12,8 +12,8 @@ from pydantic import AfterValidator, TypeAdapter
 
 from mech_twin.capabilities.cycle import Array
 from mech_twin.studies.monitoring.baseline import LARGEST_ORDER
+from mech_twin.studies.monitoring.diagnosis import Signature
 from mech_twin.studies.monitoring.monitor import MonitorSetup
-from mech_twin.studies.monitoring.naming import Signature
 from mech_twin.studies.monitoring.operating import OperatingSurface, polynomial_terms
 
 SMALLEST_VARIANCE = 1e-60

@@ -23,7 +23,7 @@ from mech_twin.view.bench.picture import Curves, Panel, metric_rows, packed_curv
 from mech_twin.view.curve_groups import plots
 from mech_twin.view.extent import Bounds, DrawnExtent, event_line, is_logged, with_placed_texts
 from mech_twin.view.run_scene import RunScene
-from mech_twin.view.sending import Sending
+from mech_twin.view.sending import PictureRate
 
 MOST_CHANGES = 400  # per lane and picture; the oldest are dropped
 SENSE = "_sense"  # suffix of a memory with the direction of friction
@@ -125,7 +125,7 @@ def framed(content: dict[str, Any]) -> Frame:
 class BenchScene(RunScene):
     """A run on the bench; a context manager."""
 
-    def __init__(self, link: BenchLink, sending: Sending) -> None:
+    def __init__(self, link: BenchLink, sending: PictureRate) -> None:
         super().__init__()
         self._link, self._sending = link, sending
         self._extent = DrawnExtent()

@@ -116,7 +116,7 @@ class Bench:
         app.router.add_get("/rerun", partial(self._connect, SLOW_S, door.viewers, MOST_VIEWERS, door.serve_run))
         app.router.add_get("/{name:re_viewer(?:[.]js|_bg[.]wasm)}", self._rerun.serve_file)
         app.router.add_get("/offer/{ticket}", self._serve_offer)
-        app.router.add_get("/{name:[a-z.]*}", self._serve_file)
+        app.router.add_get("/{name:[a-z_.]*}", self._serve_file)
         runner = web.AppRunner(
             app,
             access_log=None,

@@ -10,10 +10,10 @@ import numpy as np
 from work_arrays import room_for
 
 from mech_twin.engine.hybrid import laws
-from mech_twin.engine.hybrid.declared import declared
 from mech_twin.engine.hybrid.laws import HOLD, OPEN
 from mech_twin.engine.hybrid.loop import advance
 from mech_twin.engine.hybrid.motion import find_accelerations
+from mech_twin.engine.hybrid.type_erasure import declared
 from mech_twin.kernels.kernel import kernel
 
 NO_GAP = -1.0

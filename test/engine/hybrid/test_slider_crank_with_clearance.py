@@ -18,9 +18,9 @@ import pytest
 from work_arrays import room_for
 
 from mech_twin.engine.hybrid import laws
-from mech_twin.engine.hybrid.declared import declared
 from mech_twin.engine.hybrid.laws import HOLD, LOW, OPEN
 from mech_twin.engine.hybrid.loop import advance
+from mech_twin.engine.hybrid.type_erasure import declared
 from mech_twin.kernels.kernel import kernel
 
 CRANK_M, ROD_M, HALF_LENGTH_M, HALF_HEIGHT_M, CLEARANCE_M = 0.153, 0.306, 0.05, 0.025, 0.001

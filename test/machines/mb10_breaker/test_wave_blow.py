@@ -166,8 +166,8 @@ def test_the_blow_of_an_event_is_the_one_that_moved_the_machine(overrides):
 def test_energies_of_a_blow_add_up():
     """What the striker had is in wall, tool, vibration, face and its rebound."""
     b, events = blows({"tool.wave.wall.kind": "loading"})
-    lead, along = blow_of(b, events[-1])
-    found = lead(NO_CURVE, NO_FORCES)
+    simulate, along = blow_of(b, events[-1])
+    found = simulate(NO_CURVE, NO_FORCES)
     told = blow_metrics(b, events[-1])
     left = 0.5 * along.effective_kg * told["striker_rebound_m_per_s"] ** 2
     left += told["tool_energy_j"] + told["tool_vibration_j"]

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from mech_twin.parts.rod_waves.blow import RodBlow, Window, lead_blow
+from mech_twin.parts.rod_waves.blow import RodBlow, Window, simulate_blow
 from mech_twin.parts.rod_waves.chain import Chain, ChainState, Section, chain_of, set_speed
 from mech_twin.parts.rod_waves.contact_law import (
     FREE_END,
@@ -26,7 +26,7 @@ Z, AREA, SPEED = 4.0e4, 1.0e-3, 7.0  # N s/m, m2, m/s
 def led(chain: Chain, state: ChainState, limit_s: float, struck: int = 0, gauge: int = 0) -> tuple[RodBlow, np.ndarray]:
     log = np.zeros((int(limit_s / chain.span_s), 2))
     idle, none = np.zeros(len(chain.starts)), np.zeros((0, len(chain.impedance)))
-    found = lead_blow(chain, state, Window(struck, gauge, limit_s), idle, log, none, 1)
+    found = simulate_blow(chain, state, Window(struck, gauge, limit_s), idle, log, none, 1)
     return found, log[: found.steps]
 
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mech_twin.parts.rod_waves.parameters import StressLine, blow_damage, cycle_damage
+from mech_twin.parts.rod_waves.fatigue import StressLine, blow_damage, cycle_damage
 
 LINE = StressLine(2e8, 2e6, 5.0, 9e8, 1.0)
 

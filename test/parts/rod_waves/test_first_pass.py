@@ -7,18 +7,18 @@ from scipy.optimize import minimize_scalar
 
 from mech_twin.parts.rod_waves.blow import (
     STRIKERS,
-    led_share_of_mass,
-    led_share_of_rectangle,
-    led_share_of_steps,
     share_of_mass,
     share_of_rectangle,
+    simulated_share_of_mass,
+    simulated_share_of_rectangle,
+    simulated_share_of_steps,
 )
 
 
 @pytest.mark.parametrize("x", [0.1, 1.0, 10.0])
 def test_what_is_led_is_the_closed_form(x):
-    assert led_share_of_rectangle(x) == pytest.approx(share_of_rectangle(x), rel=1e-4)
-    assert led_share_of_mass(x) == pytest.approx(share_of_mass(x), rel=1e-4)
+    assert simulated_share_of_rectangle(x) == pytest.approx(share_of_rectangle(x), rel=1e-4)
+    assert simulated_share_of_mass(x) == pytest.approx(share_of_mass(x), rel=1e-4)
 
 
 def test_the_greatest_shares_are_those_of_the_literature():
@@ -55,6 +55,6 @@ def share_by_transform(steps, x, dt=5e-4, count=2**16):
 @pytest.mark.parametrize("x", [0.3, 1.25643, 4.0])
 def test_a_striker_gives_what_its_transform_gives(steps, x):
     expected = share_by_transform(steps, x)
-    assert led_share_of_steps(steps, x) == pytest.approx(expected, rel=2e-4)
+    assert simulated_share_of_steps(steps, x) == pytest.approx(expected, rel=2e-4)
     if steps == ((1.0, 1.0),):
         assert expected == pytest.approx(share_of_rectangle(x), rel=2e-4)

@@ -19,11 +19,10 @@ from mech_twin.capabilities.variation import varied
 from mech_twin.files.output_file import plain
 from mech_twin.parameters.live_change import ChangingMachine, live_changes
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
-from mech_twin.studies.monitoring.design import PROMPT_CYCLES, fitted_setup, sensor_design, simulated_vectors
 from mech_twin.studies.monitoring.findings import Findings
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
 from mech_twin.studies.monitoring.operating_fit import operated_run, parameters_at
-from mech_twin.studies.monitoring.report import judged
+from mech_twin.studies.monitoring.report import judged_run
 from mech_twin.studies.monitoring.sensing import (
     MonitoredMachine,
     SensorFault,
@@ -31,6 +30,7 @@ from mech_twin.studies.monitoring.sensing import (
     seen_run,
     with_sensor_fault,
 )
+from mech_twin.studies.monitoring.sensor_design import PROMPT_CYCLES, fitted_setup, sensor_design, simulated_vectors
 from mech_twin.studies.monitoring.setup_record import SETUP
 
 PLANTS = Path(__file__).resolve().parents[3] / "benchmarks" / "monitoring" / "plants.py"
@@ -110,7 +110,7 @@ def test_a_step_of_the_mains_within_their_range_alarms_at_no_phase_of_the_cycle(
             healthy, machine.sensors, change_s + 30.0 * period_s, random=np.random.default_rng(3),
             begin_s=machine.declared.run_up_s, changes=[(change_s, machine.entry.build(stepped))],
         )  # fmt: skip
-        found = judged(Monitor(setup), machine.vectors(seen))
+        found = judged_run(Monitor(setup), machine.vectors(seen))
         assert found.alarms == ()
         assert found.operating[0].share == pytest.approx(share, abs=1e-3)
 
@@ -125,7 +125,7 @@ def test_effects_are_those_about_the_point_of_the_baseline_wherever_that_is(shar
     for later in (0.0, 0.75 * share):
         there = parameters_at(machine.parameters, machine.operating[:1], [later])
         assert there is not None
-        found = judged(Monitor(setup), simulated_vectors(replace(machine, parameters=there), 150, 2))
+        found = judged_run(Monitor(setup), simulated_vectors(replace(machine, parameters=there), 150, 2))
         assert found.alarms == ()
         assert found.operating[0].share == pytest.approx((1.0 + later) / (1.0 + share) - 1.0, abs=1e-3)
 
@@ -264,7 +264,7 @@ def test_a_fifth_off_the_breakers_spring_rate_is_found_within_fifty_blows() -> N
         machine.entry.build(machine.parameters), machine.sensors, change_s + 52.0 * period_s,
         random=np.random.default_rng(7), begin_s=begin_s, changes=[(change_s, faulty)],
     )  # fmt: skip
-    found = judged(Monitor(setup), machine.vectors(seen))
+    found = judged_run(Monitor(setup), machine.vectors(seen))
     (alarm,) = found.alarms
     assert 0.0 <= alarm.alarm_s - change_s <= 50.0 * period_s
     spring = next(candidate for candidate in alarm.candidates if candidate.name == "spring_soft")

@@ -10,9 +10,9 @@ from studies.monitoring.synthetic import autoregressive, vectors
 from mech_twin.errors import StudyError
 from mech_twin.studies.monitoring.baseline import fitted_baseline
 from mech_twin.studies.monitoring.charts import chart_limits
+from mech_twin.studies.monitoring.diagnosis import Signature
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
-from mech_twin.studies.monitoring.naming import Signature
-from mech_twin.studies.monitoring.report import HALF_95, Alarm, explanation, judged
+from mech_twin.studies.monitoring.report import HALF_95, Alarm, explanation, judged_run
 
 COEFFICIENTS = np.array([[0.5, 0.0, 0.2]])
 COVARIANCE = np.diag([1.0, 0.25, 4.0])
@@ -33,7 +33,7 @@ def setup() -> MonitorSetup:
 def alarm_of(setup: MonitorSetup, seed: int, change: np.ndarray = SOFT) -> Alarm:
     rows = 7.0 + autoregressive(160, COEFFICIENTS, COVARIANCE, seed)
     rows[60:] += change
-    (alarm,) = judged(Monitor(setup), vectors(rows)).alarms
+    (alarm,) = judged_run(Monitor(setup), vectors(rows)).alarms
     return alarm
 
 
@@ -74,6 +74,6 @@ def test_a_fault_that_is_not_known_is_refused_with_those_that_are(setup: Monitor
 
 def test_the_longest_time_without_a_cycle_is_told_where_no_gap_counts_as_one(setup: MonitorSetup) -> None:
     every = vectors(7.0 + autoregressive(160, COEFFICIENTS, COVARIANCE, 2))
-    assert judged(Monitor(setup), every, 0, 16.5).without_cycle_s == ()
-    assert judged(Monitor(setup), every, 0, 21.0).counted.endswith(" not judged, none from 16.00 to 21.00 s")
-    assert judged(Monitor(setup), [*every[:40], *every[60:]], 0, 16.1).without_cycle_s == pytest.approx((4.0, 6.0))
+    assert judged_run(Monitor(setup), every, 0, 16.5).without_cycle_s == ()
+    assert judged_run(Monitor(setup), every, 0, 21.0).counted.endswith(" not judged, none from 16.00 to 21.00 s")
+    assert judged_run(Monitor(setup), [*every[:40], *every[60:]], 0, 16.1).without_cycle_s == pytest.approx((4.0, 6.0))

@@ -16,8 +16,8 @@ from mech_twin.parameters.live_change import ChangingMachine, live_changes
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.parts.induction_motor import motor_constants, motor_torque
 from mech_twin.results.opened_runs import columns_of
-from mech_twin.studies.monitoring.design import _of_sensors
 from mech_twin.studies.monitoring.sensing import MonitoredMachine, seen_run, without_noise
+from mech_twin.studies.monitoring.sensor_design import _of_sensors
 
 SENSORS = Path(__file__).resolve().parents[3] / "benchmarks" / "monitoring" / "sensors"
 MONITORED = [name for name in CATALOGUE if (SENSORS / f"{name}.yaml").exists()]

@@ -16,10 +16,10 @@ from studies.monitoring.synthetic import autoregressive, vectors
 from mech_twin.files.output_file import plain
 from mech_twin.studies.monitoring.baseline import Baseline, fitted_baseline
 from mech_twin.studies.monitoring.charts import chart_limits
+from mech_twin.studies.monitoring.diagnosis import Change, Signature, candidates, estimated_change
 from mech_twin.studies.monitoring.findings import Findings, alerts_of
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
-from mech_twin.studies.monitoring.naming import Change, Signature, candidates, estimated_change
-from mech_twin.studies.monitoring.report import judged
+from mech_twin.studies.monitoring.report import judged_run
 from mech_twin.studies.monitoring.sensor_quality import ChannelQuality, SensorLimits
 
 COEFFICIENTS = np.array([[0.5, 0.0, 0.2, 0.7]])
@@ -166,7 +166,7 @@ def test_a_fault_that_has_gone_keeps_the_size_it_had(setup: MonitorSetup) -> Non
     for seed in range(12):
         rows = autoregressive(200, COEFFICIENTS, COVARIANCE, 100 + seed)
         rows[41:101] += EFFECTS["bent"] * np.sqrt(0.3)
-        alarms = judged(Monitor(setup), vectors(rows)).alarms
+        alarms = judged_run(Monitor(setup), vectors(rows)).alarms
         sizes += [found.size for alarm in alarms for found in alarm.candidates if found.name == "bent"]
     assert len(sizes) >= 10
     assert np.mean(sizes) == pytest.approx(-0.3, abs=0.05)
@@ -189,7 +189,7 @@ def test_a_standing_alarm_tells_the_largest_that_its_fault_has_been(
         rows = autoregressive(500, COEFFICIENTS, COVARIANCE, 100 + seed)
         rows[41:241] += EFFECTS["soft"] * np.sqrt(-began)
         rows[241:] += EFFECTS[became] * np.sqrt(-size)
-        last = judged(Monitor(setup), vectors(rows)).alarms[-1]
+        last = judged_run(Monitor(setup), vectors(rows)).alarms[-1]
         sizes += [found.size for found in last.candidates if found.name == became]
     assert len(sizes) >= 6
     assert np.mean(sizes) == pytest.approx(-0.3, abs=0.05)
@@ -201,7 +201,7 @@ def test_a_standing_alarm_keeps_its_name(setup: MonitorSetup) -> None:
     rows[41:] += EFFECTS["soft"] * np.sqrt(0.3)
     rows[1500:] += EFFECTS["bent"] * np.sqrt(0.3)
     monitor = Monitor(setup)
-    assert [(each.name, each.state) for each in judged(monitor, vectors(rows)).events] == [
+    assert [(each.name, each.state) for each in judged_run(monitor, vectors(rows)).events] == [
         ("soft", "pending"),
         ("soft", "active"),
     ]
@@ -215,9 +215,9 @@ def test_a_fault_outlives_a_cycle_that_a_sensor_spoils(setup: MonitorSetup) -> N
     usual = ChannelQuality(100, 0.001, 0.01, 1.0)
     cycles = [each._replace(quality={"a": usual}) for each in vectors(rows)]
     cycles[120] = cycles[120]._replace(quality={"a": usual._replace(isolation=50.0)})
-    seen = judged(monitor, cycles[:100])
+    seen = judged_run(monitor, cycles[:100])
     monitor.acknowledge("bent", 10.0)
-    later = judged(monitor, cycles[100:])
+    later = judged_run(monitor, cycles[100:])
     assert len(seen.alarms) == 1
     assert later.alarms == ()
     assert {event.name for event in later.events} == {"sensor_spikes:a"}
@@ -231,7 +231,7 @@ def test_an_alarm_that_a_sensor_ends_has_ended(setup: MonitorSetup) -> None:
     usual = ChannelQuality(100, 0.001, 0.01, 1.0)
     cycles = [each._replace(quality={"a": usual}) for each in vectors(rows[:60])]
     cycles[46:] = [each._replace(quality={"a": usual._replace(isolation=50.0)}) for each in cycles[46:]]
-    (alarm,) = judged(monitor, cycles).alarms
+    (alarm,) = judged_run(monitor, cycles).alarms
     assert (alarm.alarm_s, alarm.ended_s) == pytest.approx((4.5, 4.7))
 
 

@@ -18,11 +18,11 @@ from mech_twin.results.opened_runs import columns_of, opened_run
 from mech_twin.studies.live_monitor import LiveMonitor
 from mech_twin.studies.monitoring.baseline import fitted_baseline
 from mech_twin.studies.monitoring.charts import chart_limits
-from mech_twin.studies.monitoring.design import simulated_vectors
 from mech_twin.studies.monitoring.findings import Findings
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
-from mech_twin.studies.monitoring.report import judged, vectors_of_parts
+from mech_twin.studies.monitoring.report import judged_run, vectors_of_parts
 from mech_twin.studies.monitoring.sensing import MonitoredMachine, Seen, needed_columns, seen_roll_out
+from mech_twin.studies.monitoring.sensor_design import simulated_vectors
 from mech_twin.studies.monitoring.sensor_quality import sensor_limits
 from mech_twin.studies.observer.estimate import SeenSample
 
@@ -101,7 +101,9 @@ def test_live_and_recorded_tell_the_same_story(
     feed = machine.feed()
     feed.run_up_s = machine.declared.run_up_s
     _, vectors = vectors_of_parts(feed, parts)
-    recorded = judged(Monitor(setup), [vector for vector in vectors if vector.end_s <= live[-1].time_s or starts > 1])
+    recorded = judged_run(
+        Monitor(setup), [vector for vector in vectors if vector.end_s <= live[-1].time_s or starts > 1]
+    )
     told = [event.text for event in recorded.events]
     assert told_live
     assert told[: len(told_live)] == told_live

@@ -22,8 +22,8 @@ from mech_twin.parts.induction_motor import motor_constants, motor_torque
 from mech_twin.studies.monitoring.baseline import Baseline, joined_runs
 from mech_twin.studies.monitoring.charts import ChartLimits, Thresholds
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
+from mech_twin.studies.monitoring.diagnosis import Signature
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
-from mech_twin.studies.monitoring.naming import Signature
 from mech_twin.studies.monitoring.operating import (
     LIMIT,
     OperatingSurface,

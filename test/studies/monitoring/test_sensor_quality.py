@@ -16,10 +16,10 @@ from mech_twin.parameters.load import machine_parameters
 from mech_twin.results.opened_runs import columns_of
 from mech_twin.studies.monitoring.baseline import fitted_baseline
 from mech_twin.studies.monitoring.charts import chart_limits
-from mech_twin.studies.monitoring.design import simulated_vectors
 from mech_twin.studies.monitoring.findings import Findings
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
 from mech_twin.studies.monitoring.sensing import MonitoredMachine, Seen, seen_run
+from mech_twin.studies.monitoring.sensor_design import simulated_vectors
 from mech_twin.studies.monitoring.sensor_quality import ChannelQuality, channel_quality, sensor_findings, sensor_limits
 
 NAME, COLUMN = "vibration_crank", "linkage.slider.position"

@@ -7,9 +7,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from mech_twin.studies.monitoring.design import Cause, signature_of
-from mech_twin.studies.monitoring.naming import Signature
+from mech_twin.studies.monitoring.diagnosis import Signature
 from mech_twin.studies.monitoring.sensing import SteadyCycles
+from mech_twin.studies.monitoring.sensor_design import Cause, signature_of
 
 NOISE = np.diag([1e-4, 1e-4])
 SIZES = (0.1, 0.2, 0.3, 0.4, 0.5)

@@ -10,7 +10,7 @@ import { showAdvice, showComparison, showFaults, showFit, showHealth, showMetric
 import { forgetLimits } from "./limits.js";
 import { forget, take } from "./pictures.js";
 import { answer, curves, find, lanes, other, run, say, shown } from "./state.js";
-import "./seen.js";
+import "./report_contents.js";
 
 function hear(message) {
   const does = {

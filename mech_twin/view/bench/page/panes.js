@@ -5,7 +5,7 @@ import { commands } from "./command.js";
 import { order } from "./connection.js";
 import { save } from "./report.js";
 import { find, other, rowsOf, run, shown } from "./state.js";
-import { adviceRow, faultRow, fitRow } from "./twin.js";
+import { adviceRow, faultRow, fitRow } from "./shadow_rows.js";
 
 const SPANS_S = [10, 30, 60, 120, 300]; // time spans that may be fitted
 const FIRST_NUMBERS = 6; // shown without opening the list

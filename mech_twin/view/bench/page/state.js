@@ -2,7 +2,7 @@
 // State of the page: the run as received, the display state, and helpers for text elements.
 
 import { Lanes } from "./lanes.js";
-import { Other } from "./other.js";
+import { Other } from "./second_run.js";
 
 export const find = (id) => document.getElementById(id);
 export const run = { pictures: [], bytes: 0, machine: null, orders: [], paused: false, over: "", commands: false, sped: -Infinity };

@@ -26,8 +26,8 @@ from mech_twin.measurements.units import is_event, machine_columns
 from mech_twin.studies.monitoring.baseline import RIDGE, SMALLEST_SPREAD, Baseline, fitted_baseline
 from mech_twin.studies.monitoring.charts import ChartLimits, chart_limits, siegmund_run_length
 from mech_twin.studies.monitoring.cycle_features import FeatureVector, available_features
+from mech_twin.studies.monitoring.diagnosis import MODEL_SHARE, USED_CYCLES, Signature, residual_chi_square
 from mech_twin.studies.monitoring.monitor import MonitorSetup
-from mech_twin.studies.monitoring.naming import MODEL_SHARE, USED_CYCLES, Signature, left_open
 from mech_twin.studies.monitoring.operating_fit import left_by_point, operating_surface, sister_surface
 from mech_twin.studies.monitoring.sensing import (
     MonitoredMachine,
@@ -366,5 +366,5 @@ def _left_open(response: Array, other: Signature, metric: Array) -> float:
     whole = float(response @ metric @ response)
     if whole <= 0.0:
         return 0.0
-    share = float(left_open(response - other.fine[1], metric).min()) / whole
+    share = float(residual_chi_square(response - other.fine[1], metric).min()) / whole
     return share if isfinite(share) else 1.0

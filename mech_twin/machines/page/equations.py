@@ -35,9 +35,9 @@ from mech_twin.machines.page.step import (
     SPEED,
     TABLE,
 )
+from mech_twin.mechanics.code_generation import Generated, Number, Recording, generated, total
 from mech_twin.mechanics.dynamics import Action, ReducedSystem, joint_action
 from mech_twin.mechanics.kinematics import Kinematics, dot
-from mech_twin.mechanics.recording import Generated, Number, Recording, generated, total
 from mech_twin.mechanics.structure import FREE, Vector
 from mech_twin.parts.induction_motor import motor_constants
 

@@ -164,7 +164,7 @@ class Change(NamedTuple):
         """Whether the change is significant against noise."""
         return self.weight > float(chi2.isf(UNKNOWN_CHANCE, len(self.delta)))
 
-    def outgrows(self, before: Change) -> bool:
+    def exceeds(self, before: Change) -> bool:
         """Whether it is larger along itself than an earlier one, each with noise of its own, by the bound of rivals."""
         weighted = np.linalg.solve(self.covariance + before.covariance, self.delta)
         return bool(weighted @ (self.delta - before.delta) > np.sqrt(RIVAL * (weighted @ self.delta)))
@@ -207,7 +207,7 @@ def mean_change(baseline: Baseline, innovations: Array) -> Change:
     return Change(later.mean(axis=0) / steady, known, float(len(later)))
 
 
-def has_gone(baseline: Baseline, change: Change, innovations: Array) -> bool:
+def change_has_cleared(baseline: Baseline, change: Change, innovations: Array) -> bool:
     """Return whether the newest innovations, of (n, d), are of a healthy machine and not of one with the change.
 
     Of the newest cycles, however many: they pass as healthy, and are likelier so than changed, by the bound of rivals.
@@ -263,7 +263,7 @@ def _fit(change: Change, weight: float, signature: Signature) -> Fit:
     signature = signature.reaching
     sizes, responses = signature.fine
     inverse = np.linalg.inv(change.covariance + signature.uncertainty(change.cycles))
-    left = left_open(change.delta - responses, inverse)
+    left = residual_chi_square(change.delta - responses, inverse)
     cost = np.where(
         (sizes == 0.0) | signature.is_whole & (sizes < 1.0), np.inf, left - np.linalg.slogdet(inverse)[1][:, None]
     )
@@ -285,6 +285,6 @@ def _opened(signature: Signature, low: float, high: float) -> tuple[float, float
     return low, high
 
 
-def left_open(left: Array, inverse: Any) -> Array:
+def residual_chi_square(left: Array, inverse: Any) -> Array:
     """Return the chi-square (m, n) of residuals (m, n, d) for inverse covariances (m, d, d) or (d, d)."""
     return np.asarray(((left @ inverse) * left).sum(axis=-1))
