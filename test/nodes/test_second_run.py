@@ -22,7 +22,7 @@ from mech_twin.nodes.exchange.peers import HostClaims
 from mech_twin.nodes.run.domain import NameInUseError, replay_arguments, ros_arguments, run_namespace
 from mech_twin.nodes.run.name_guard import CLAIMS, NameGuard
 from mech_twin.recording.bag_reader import BagReader
-from mech_twin.recording.measured_topics import MessageDecoder
+from mech_twin.recording.message_decoder import MessageDecoder
 
 COMMAND = [sys.executable, "-c", "from mech_twin.cli.main import main; main()"]
 NODE = "from mech_twin.nodes.run.executables import {0}; {0}()"

@@ -34,7 +34,7 @@ from mech_twin.recording.errors import (
     OutsideBagError,
     UnfinishedBagError,
 )
-from mech_twin.recording.measured_topics import MessageDecoder
+from mech_twin.recording.message_decoder import MessageDecoder
 from mech_twin.recording.recovery import recover
 from mech_twin.recording.schemas import message_schema
 

@@ -23,7 +23,8 @@ from rosbags.typesys import Stores, get_typestore
 
 from mech_twin.recording.bag_reader import BagReader
 from mech_twin.recording.frame_recorder import SensorRecorder
-from mech_twin.recording.measured_topics import MessageDecoder, TopicField
+from mech_twin.recording.measured_topics import TopicField
+from mech_twin.recording.message_decoder import MessageDecoder
 from mech_twin.recording.recovery import recover
 
 STEPS = 300

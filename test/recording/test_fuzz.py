@@ -13,7 +13,7 @@ from bag_cases import written
 from mech_twin.recording.bag_contents import BagMessage
 from mech_twin.recording.bag_reader import BagReader, bag_info
 from mech_twin.recording.errors import BagError, DecodeError
-from mech_twin.recording.measured_topics import MessageDecoder
+from mech_twin.recording.message_decoder import MessageDecoder
 from mech_twin.recording.recovery import recover
 
 MUTATIONS = 1000

@@ -17,12 +17,12 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from mech_twin.recording import measured_topics
+from mech_twin.recording import measured_topics, message_decoder
 from mech_twin.recording.bag_contents import BagMessage, TopicInfo
 from mech_twin.recording.bag_reader import BagReader
 from mech_twin.recording.bag_writer import BagWriter
 from mech_twin.recording.errors import BagError, DecodeError
-from mech_twin.recording.measured_topics import JOINT_STATE, MessageDecoder
+from mech_twin.recording.message_decoder import JOINT_STATE, MessageDecoder
 from mech_twin.recording.schemas import message_schema
 
 TEXT = message_schema(JOINT_STATE).definition
@@ -94,8 +94,8 @@ def test_numbers_of_known_names_are_read_by_their_places(monkeypatch: pytest.Mon
         effort=[3.0],
     )
     ours, calls = decoder(), []
-    build = measured_topics._function
-    monkeypatch.setattr(measured_topics, "_function", lambda topic: lambda raw: calls.append(raw) or build(topic)(raw))
+    build = message_decoder._function
+    monkeypatch.setattr(message_decoder, "_function", lambda topic: lambda raw: calls.append(raw) or build(topic)(raw))
     for shift in range(5):
         found = ours.decode(message(ENCODE(later(first, float(shift))) + b"left"))
         assert (*found.name, *found.position, *found.effort) == ("a", "bc", 1.0 + shift, 2.0 + shift, 3.0 + shift)
