@@ -27,6 +27,9 @@ from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.recording.errors import DamagedBagError
 from mech_twin.results.objects import Columns
+from mech_twin.studies.design_scan import design_question
+
+BAG_MAP = Path(__file__).parents[1] / "bags/weak_spring/map.yaml"
 
 
 def test_importing_the_package_loads_neither_machines_nor_ros():
@@ -229,6 +232,7 @@ def test_the_examples_of_the_documentation_run(tmp_path, monkeypatch, capsys):
         (lambda: mt.size("compaction_press", tolerance="5 %"), "tolerance '5 %': expected 0 to 0.5"),
         (lambda: mt.compare("a", "b"), "'a': expected two runs as `simulate` returns them"),
         (lambda: mt.identify("vibration_crank", "plant.csv", "map.yaml"), "runs 'plant.csv': expected a list of paths"),
+        (lambda: mt.identify("mb10_breaker", [], BAG_MAP, ["tool.restitution"]), "runs: expected at least"),
         (lambda: mt.rollout("winding_drum", duration_s="1"), "duration_s '1': expected"),
         (lambda: mt.rollout("winding_drum", duration_s=1e12), "duration_s 1000000000000.0: expected"),
         (lambda: mt.rollouts("winding_drum", 0.1, [None], cores=0), "cores: expected a whole number from 1 to"),
@@ -290,6 +294,16 @@ def test_a_strange_argument_is_refused_in_one_line_by_an_error_of_our_own(asked,
 def test_values_of_a_sweep_may_be_an_array():
     found = mt.sweep("mb10_breaker", {"body.preload_deflection_m": np.linspace(0.01, 0.014, 3)}, cores=1)
     assert found["body.preload_deflection_m"].tolist() == np.linspace(0.01, 0.014, 3).tolist()
+
+
+def test_a_number_in_single_precision_is_the_number_that_it_holds():
+    def numbers(kind):
+        sized = mt.size("compaction_press", limits={"non_uniformity": kind(0.0625)}, tolerance=kind(0.0625))
+        values = studies.regimes("impact_mass", [kind(0.03125)], settling_periods=5).rows
+        space = design_question("compaction_press").space(limits={"stroke_m": kind(0.125)})
+        return sized.sizes, sized.tolerance, values, space
+
+    assert repr(numbers(np.float32)) == repr(numbers(float))
 
 
 def test_a_roll_out_is_a_table_with_units_and_takes_settings():
@@ -385,6 +399,8 @@ def test_a_page_is_a_path_or_its_text(tmp_path: Path) -> None:
     file = tmp_path / "fall.yaml"
     file.write_text("bodies: {m: {mass_kg: 1}}\njoints: {s: {kind: slider, between: [ground, m]}}\n", encoding="utf-8")
     assert mt.simulate(file, 0.01).summary == mt.simulate(str(file), 0.01).summary
+    swept = [mt.sweep(page, {"bodies.m.mass_kg": [1.0, 2.0]}, cores=1) for page in (file, str(file))]
+    assert repr(swept[0]) == repr(swept[1])
 
 
 @pytest.mark.slow

@@ -110,6 +110,6 @@ class DesignQuestion(NamedTuple):
         for name, value in wanted.items():
             if name not in self.limits:
                 raise StudyError(f"no limit '{name}'; expected one of {', '.join(self.limits)}")
-            real_number(f"limit {name}", value, "a number of 0 or more", 0.0)
+            wanted[name] = real_number(f"limit {name}", value, "a number of 0 or more", 0.0)
         lower, upper = tuple(low for low, _ in asked.values()), tuple(high for _, high in asked.values())
         return DesignSpace(lower, upper, {**self.limits, **wanted})

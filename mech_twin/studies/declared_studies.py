@@ -196,11 +196,11 @@ def size(
         one if absent, 0 for the machine exactly as configured.
     """
     question: SizingQuestion = asked_of(machine, "sizing", "nothing to size")
-    given = by_name("limits", limits, f"limits by name: {', '.join(question.limits)}")
-    for limit, value in given.items():
+    given = {}
+    for limit, value in by_name("limits", limits, f"limits by name: {', '.join(question.limits)}").items():
         if limit not in question.limits:
             raise StudyError(unknown_name(limit, question.limits, "limit "))
-        real_number(f"limit {limit}", value, "a finite number")
+        given[limit] = real_number(f"limit {limit}", value, "a finite number")
     wanted = objective or question.objectives[0]
     if wanted not in question.objectives:
         raise StudyError(unknown_name(wanted, question.objectives, "objective "))
@@ -221,10 +221,11 @@ def allowed_tolerance(machine: str, question: SizingQuestion, tolerance: float |
     """Return the tolerance for sizing; raise a StudyError for one that the machine does not support."""
     if tolerance is None:
         return question.usual_tolerance or 0.0
-    real_number("tolerance", tolerance, f"0 to {MOST_TOLERANCE:g}, a part of each assumed value", 0.0, MOST_TOLERANCE)
-    if tolerance > 0.0 and question.usual_tolerance is None:
+    expected = f"0 to {MOST_TOLERANCE:g}, a part of each assumed value"
+    allowed = real_number("tolerance", tolerance, expected, 0.0, MOST_TOLERANCE)
+    if allowed > 0.0 and question.usual_tolerance is None:
         raise StudyError(f"{machine}: no sizes with a tolerance, only of the machine as configured; leave it out or 0")
-    return tolerance
+    return allowed
 
 
 @refusing()
@@ -264,7 +265,7 @@ def synthesise(
     for name, value in wanted.items():
         if name not in question.options:
             raise StudyError(f"no option '{name}'; expected one of {known}")
-        real_number(f"option {name}", value, "a finite number")
+        wanted[name] = real_number(f"option {name}", value, "a finite number")
     for name, least, most in (("starts", 1, MOST_STARTS), ("inside", 0, MOST_STARTS), ("seed", 0, GREATEST_SEED)):
         if name in wanted:
             wanted[name] = whole_number(name, wanted[name], least, most)
@@ -312,6 +313,5 @@ def regimes(
     if key is not None:
         require_key(type(known), key)
     key = key or question.usual_key
-    for value in values:
-        real_number(f"value of {key}", value, "a finite number")
+    values = [real_number(f"value of {key}", value, "a finite number") for value in values]
     return question.answer(known, values, key, settling_periods, progress)

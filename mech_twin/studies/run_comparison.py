@@ -97,7 +97,7 @@ def compared(first: ComparedRun, second: ComparedRun, tolerance: float = 0.0) ->
         If the machines differ, or the tolerance is not a number from 0 to 1.
     """
     require_one_machine((first.label, second.label), (first.machine, second.machine))
-    real_number("tolerance", tolerance, "0 to 1, a part of the larger of two numbers", 0.0, 1.0)
+    tolerance = real_number("tolerance", tolerance, "0 to 1, a part of the larger of two numbers", 0.0, 1.0)
     summaries = first.summary, second.summary
     settings = _paired(dict(leaves(first.configuration)), dict(leaves(second.configuration)))
     return Comparison(

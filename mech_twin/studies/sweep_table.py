@@ -102,7 +102,7 @@ def question(
         raise StudyError("a sweep needs at least one key")
     wanted = sequence_items("outputs", outputs, "a list of names")
     seconds = real_number("duration", duration_s, "a finite number of seconds, 0 or more", 0.0)
-    asked = Question(machine, configuration_tree(parameters), tuple(fixed), wanted, seconds)
+    asked = Question(str(machine), configuration_tree(parameters), tuple(fixed), wanted, seconds)
     if asked.count > MOST_POINTS:
         raise StudyError(f"{asked.count} points; at most {MOST_POINTS} in one sweep")
     return asked

@@ -153,6 +153,8 @@ def identified(
     began = time.monotonic()
     if not question.keys:
         raise StudyError("expected at least one free key")
+    if not runs:
+        raise StudyError("runs: expected at least one to fit")
     same_channels([*runs, *held_runs])
     fitted_runs, later = (list(runs), []) if held_runs or share <= 0.0 else _split(runs, share)
     chosen, best, search = _best_fit(question, fitted_runs, progress)
