@@ -36,7 +36,7 @@ from mech_twin.measurements.units import machine_columns, shown_units
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.process.interruption import StopSignal
 from mech_twin.results.opened_runs import checked_run, configured_map, given_map, opened_run
-from mech_twin.roles import Machine
+from mech_twin.roles import Machine, own_name
 from mech_twin.samples import Drawing
 from mech_twin.studies.measured_forces import Compared, guided_samples, measured_forces
 
@@ -80,7 +80,7 @@ def propose_map(request: MapVerb) -> None:
 
 def proposal(measurements: Sequence[Path], built: Machine) -> Proposal:
     """Return the map of runs that have the same channels: names, units and signs from the first."""
-    columns = machine_columns(built)
+    columns, name = machine_columns(built), own_name(built.name, built.parameters)
     with opened_run(measurements[0]) as reader:
         offered, time = reader.offered(), reader.proposed_time()
     empty: list[ProposedChannel] = []
@@ -89,10 +89,10 @@ def proposal(measurements: Sequence[Path], built: Machine) -> Proposal:
         channels = proposed_channels([each for each in offered if each.source not in left_out], columns)
         proposed = map_of(built.name, time, channels)
         if proposed is None and empty:
-            raise CommandError(f"{measurements[0]}: no channel of {built.name} holds a number; expected a motion")
+            raise CommandError(f"{measurements[0]}: no channel of {name} holds a number; expected a motion")
         if proposed is None:
             names = ", ".join(repr(each.source.label) for each in offered[:12]) or "none"
-            none = f"none of its channels has a name of {built.name}; they are {names}"
+            none = f"none of its channels has a name of {name}; they are {names}"
             raise NoNameError(f"{measurements[0]}: {none}; write the map by hand")
         qualities = {path: _qualities(path, proposed) for path in measurements}
         ends = _ends(proposed, list(qualities.values()))
@@ -119,7 +119,7 @@ def proposal(measurements: Sequence[Path], built: Machine) -> Proposal:
     channels = [replace(c, surety=UNSURE, reason="constant at 0") if c.source in zero else c for c in channels]
     known = map_of(built.name, time, channels)
     if known is None:
-        raise CommandError(f"{measurements[0]}: every channel of {built.name} is constant at 0; expected a motion")
+        raise CommandError(f"{measurements[0]}: every channel of {name} is constant at 0; expected a motion")
     for each in channels:
         if each.surety > UNSURE and (unknown := unknown_unit(each)):
             problems.append(f"{each.source.label}: its unit {unknown}; {columns[each.column]} is assumed: give a gain")

@@ -213,7 +213,7 @@ class FrameRecorder:
     def _describe(self, description: str) -> None:
         self._put(topics.DESCRIPTION, String(data=description))
         if self._machine.mechanism is not None:
-            self._put(topics.ROBOT_DESCRIPTION, String(data=urdf(self._machine.name, self._machine.mechanism)))
+            self._put(topics.ROBOT_DESCRIPTION, String(data=urdf(self._space, self._machine.mechanism)))
 
     def _put_wrenches(self, topic: topics.Topic, frame: str, kept: tuple[Any, ...]) -> None:
         for time_s, wrench in kept:

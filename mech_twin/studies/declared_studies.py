@@ -70,7 +70,7 @@ def asked_of(machine: str, capability: str, lack: str) -> Any:
     found = getattr(entry.capabilities, capability)
     if found is None:
         others = [name for name, other in CATALOGUE.items() if getattr(other.capabilities, capability) is not None]
-        raise StudyError(f"{entry.name}: {lack}; there is an answer for {', '.join(others)}")
+        raise StudyError(f"{machine}: {lack}; there is an answer for {', '.join(others)}")
     return found
 
 
@@ -109,7 +109,7 @@ def machine_pictures(machine: str, parameters: Parameters | None = None) -> tupl
     entry = catalogue_entry(machine)
     pictures = entry.capabilities.pictures
     if pictures is None:
-        raise StudyError(f"{entry.name}: no published figures to draw")
+        raise StudyError(f"{machine}: no published figures to draw")
     with house_style():
         return tuple(pictures(parameters or machine_parameters(entry.name)))
 
@@ -137,7 +137,7 @@ def machine_rows(machine: str, parameters: Parameters | None = None) -> tuple[Pu
     entry = catalogue_entry(machine)
     rows = entry.capabilities.published
     if rows is None:
-        raise StudyError(f"{entry.name}: no published values to compare with")
+        raise StudyError(f"{machine}: no published values to compare with")
     return tuple(rows(parameters or machine_parameters(entry.name)))
 
 

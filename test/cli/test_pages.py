@@ -10,9 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from recordings import decoded_messages
 from rrd_tables import rrd_tables
 from typer.testing import CliRunner
 
+from mech_twin import studies
 from mech_twin.cli.console import CommandError
 from mech_twin.cli.machines import shipped_pages
 from mech_twin.cli.main import app
@@ -101,6 +103,8 @@ def test_a_bag_of_a_page_is_computed_anew_to_the_bit_without_the_page(page, tmp_
     answer("simulate", page, "--duration", "0.5", "--bag", bag)
     told = answer("info", bag)
     assert told.startswith("spring_hammer, 0.5 s; complete")
+    (described,) = decoded_messages(bag, "/spring_hammer/robot_description")
+    assert described.data.startswith('<robot name="spring_hammer">')
     assert "topics below /spring_hammer/" in told  # where `run` publishes them
     page.unlink()
     assert re.search(r"^machine +spring_hammer$", answer("replay", bag, "--resimulate"), re.MULTILINE)
@@ -144,6 +148,15 @@ def test_a_map_of_a_page_is_of_every_path_of_it(page, tmp_path):
     answer("map", bag, page, "--out", chart)
     with pytest.raises(CommandError, match=r"no complete cycle of linkage\.crank_bearing\.position after 2 s"):
         answer("monitor", page, bag, "--map", chart, "--baseline", bag)
+
+
+def test_what_is_refused_of_a_page_names_it(page, tmp_path):
+    (tmp_path / "plant.csv").write_text("t,u,v\n" + "".join(f"{i},{i},{-i}\n" for i in range(20)), encoding="utf-8")
+    with pytest.raises(CommandError, match="none of its channels has a name of spring_hammer; they are 'u', 'v'"):
+        answer("map", tmp_path / "plant.csv", page)
+    for study in (lambda: studies.synthesise(str(page), 1.0), lambda: studies.reproduce(str(page))):
+        with pytest.raises(StudyError, match=r"my\.yaml: no "):
+            study()
 
 
 @pytest.mark.parametrize("mode", [(), ("--resimulate",)])

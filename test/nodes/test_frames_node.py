@@ -15,6 +15,7 @@ import pytest
 from bench_run import BenchRun
 from catalogue import NAMES, built
 from geometry_msgs.msg import TransformStamped, WrenchStamped
+from recordings import decoded_messages
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
@@ -164,6 +165,14 @@ def test_a_run_tells_frames_and_description_unasked_and_once_what_is_missing_for
     assert moved_to > 0
     missing = find_spec("tf2_msgs") is None
     assert capfd.readouterr().err.count("tf2_msgs is not installed") == int(missing)
+
+
+def test_the_description_of_a_page_bears_its_name(tmp_path: Path) -> None:
+    parameters = machine_parameters(str(Path(__file__).parents[2] / "config/pages/spring_hammer.yaml"))
+    options = RunOptions(pace="max", duration_s=0.01, recorder=True)
+    run_in_process("page", parameters, options, tmp_path / "bag", None)
+    (described,) = decoded_messages(tmp_path / "bag", f"/page/{ROBOT_DESCRIPTION.name}")
+    assert described.data.startswith('<robot name="spring_hammer">')
 
 
 def test_a_listener_of_tf_hears_the_frames() -> None:

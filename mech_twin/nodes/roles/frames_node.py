@@ -32,7 +32,7 @@ from mech_twin.nodes.exchange.direct_exchange import Handed, ReceivedBytes
 from mech_twin.parameters.description import description
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.recording.bag_contents import stamp_ns
-from mech_twin.roles import Machine
+from mech_twin.roles import Machine, own_name
 
 # late joint states are useless, and no publisher should wait for this node
 NEWEST = QoSProfile(depth=10, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -124,7 +124,7 @@ class FramesNode(TwinNode):
         self._describe()
 
     def _describe(self) -> None:
-        self._urdf.send(String(data=urdf(self.machine_name, self._mechanism)))
+        self._urdf.send(String(data=urdf(own_name(self.machine_name, self._described), self._mechanism)))
 
 
 def _tf_output(node: TwinNode) -> tuple[Any, Any] | None:
