@@ -132,6 +132,12 @@ class OperatingSurface:
         """Names of the features that are not pivots."""
         return tuple(self.names[i] for i in self.others)
 
+    @property
+    def left_noise(self) -> Array:
+        """Standard deviation (d - q,) of y from cycle to cycle, at u = 0."""
+        spread = np.linalg.solve(self.root.T, self.annihilator(np.zeros(len(self.variables))).T)
+        return np.asarray(np.linalg.norm(spread, axis=0))
+
     @cached_property
     def _terms(self) -> Array:
         return polynomial_terms(len(self.variables))

@@ -235,7 +235,7 @@ def _settling(
     begin_s, healthy = monitored.declared.run_up_s, monitored.entry.build(monitored.parameters)
     first_s, period_s = begin_s + 0.3 * (duration_s - begin_s), mean_period_s(monitored)
     runs: list[list[tuple[Array, Array]]] = [[] for _ in chosen]
-    noise = np.zeros(len(surface.others))
+    noise = surface.left_noise / STEP_DRAWS**0.5  # sensors without a known sigma have none in these runs
     for k, phase in product(range(len(chosen)), range(STEP_PHASES)):
         later = parameters_at(monitored.parameters, [chosen[k]], [STEP * (-1) ** phase * float(surface.ranges[k])])
         if later is None:

@@ -21,7 +21,7 @@ from mech_twin.parameters.live_change import ChangingMachine, live_changes
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.findings import Findings
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
-from mech_twin.studies.monitoring.operating_fit import operated_run, parameters_at
+from mech_twin.studies.monitoring.operating_fit import operated_run, operating_surface, parameters_at
 from mech_twin.studies.monitoring.report import judged_run
 from mech_twin.studies.monitoring.sensing import (
     MonitoredMachine,
@@ -45,6 +45,12 @@ def commissioned(name: str) -> tuple[MonitoredMachine, MonitorSetup]:
     machine = monitored_in_the_proof(name)
     setup = fitted_setup(machine, simulated_vectors(machine, CYCLES.get(name, 600), 1), 24.0)
     return machine, SETUP.validate_json(json.dumps(plain(setup)))
+
+
+def sensed(machine: MonitoredMachine, **keys: float | None) -> MonitoredMachine:
+    """Return the machine with keys of every channel changed."""
+    channels = tuple(channel.model_copy(update=keys) for channel in machine.sensors.channels)
+    return replace(machine, sensors=machine.sensors.model_copy(update={"channels": channels}))
 
 
 def another_day(name: str, point: Mapping[str, float], fault: Mapping[str, float] | None = None) -> list[Findings]:
@@ -113,6 +119,17 @@ def test_a_step_of_the_mains_within_their_range_alarms_at_no_phase_of_the_cycle(
         found = judged_run(Monitor(setup), machine.vectors(seen))
         assert found.alarms == ()
         assert found.operating[0].share == pytest.approx(share, abs=1e-3)
+
+
+@pytest.mark.slow
+def test_a_step_is_over_at_once_also_for_sensors_whose_noise_the_map_does_not_give() -> None:
+    """Where features differ by the phase of sampling alone, no movement lasts."""
+    machine = monitored_in_the_proof("vibration_crank")
+    noisy = sensed(machine, rate_hz=200.0)
+    vectors = simulated_vectors(noisy, 150, 0)
+    surface = operating_surface(sensed(noisy, sigma=None), vectors, vectors[0].names)
+    assert surface is not None
+    assert surface.hold <= 3  # cycles, in which no chart sees a fault that moves the point
 
 
 @pytest.mark.slow
