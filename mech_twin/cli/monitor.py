@@ -32,7 +32,6 @@ from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.errors import MeasurementError, StudyError
 from mech_twin.files.output_file import written_file
 from mech_twin.files.report_page import page, section, versions
-from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.recording.errors import BagError
 from mech_twin.results.opened_runs import given_map
@@ -74,7 +73,7 @@ def monitor_machine(request: MonitorVerb) -> None:
         return
     named = request.runs or runs_of_map(request.map_file, request.built, "or --design --sensors FILE")
     runs = [featured_run(request, path) for path in named]
-    _say_left_out(runs[0].given)
+    _say_left_out(runs[0].monitored)
     setup, runs[0] = _setup(request, runs[0])
     if request.save_baseline is not None:
         write_setup(request.save_baseline, setup, force=request.force)
@@ -95,12 +94,16 @@ def monitor_machine(request: MonitorVerb) -> None:
         _renew(request, kept_file, setup, runs)
 
 
-def _say_left_out(given: MeasurementMap) -> None:
-    """Name the sensors left out: of several for one quantity, all but the first."""
-    first = first_channels(given)
-    others = [channel for channel in given.channels if first[channel.quantity] is not channel]
-    for each in others:
-        say(f"{each.source.label}: left out, {each.quantity} is read from {first[each.quantity].source.label}")
+def _say_left_out(monitored: MonitoredMachine) -> None:
+    """Name the sensors left out: of several for one quantity all but the first, and those that no feature reads."""
+    first, feed = first_channels(monitored.sensors), monitored.feed()
+    read = {feed.declared.reference.column}.union(*(feature.needs for feature in feed.features))
+    for each in monitored.sensors.channels:
+        name, quantity = each.source.label, each.quantity
+        if first[quantity] is not each:
+            say(f"{name}: left out, {quantity} is read from {first[quantity].source.label}")
+        elif quantity not in read:
+            say(f"{name}: left out, no feature of a cycle reads {quantity}")
 
 
 def _renew(request: MonitorVerb, file: Path, setup: MonitorSetup, runs: Sequence[RunFeatures]) -> None:
@@ -136,8 +139,8 @@ def _draw(path: Path, setup: MonitorSetup, runs: Sequence[tuple[RunFeatures, Jud
 def _design(request: MonitorVerb) -> None:
     assert request.sensors is not None
     sensors = given_map(request.sensors, request.built)
-    _say_left_out(sensors)
     monitored = MonitoredMachine(request.machine, request.parameters, sensors)
+    _say_left_out(monitored)
     seed = request.seed or 0
     setup = fitted_setup(
         monitored, simulated_vectors(monitored, DESIGN_CYCLES, seed), request.known_arl0_h or ARL0_H, seed

@@ -296,6 +296,16 @@ def test_a_second_sensor_of_one_quantity_is_named_as_left_out(plant: Plant, tmp_
     assert "/plant/again mass position: left out, linkage.mass.position is read from /plant/mass mass position" in err
 
 
+def test_a_sensor_that_no_feature_reads_is_named_as_left_out(plant: Plant, tmp_path: Path) -> None:
+    other = {"source": {"topic": "/plant/work", "field": "data"}, "is": "forces.drive_work_j"}
+    given = tmp_path / "work.yaml"
+    given.write_text(yaml.safe_dump({**SENSORS, "channels": [*SENSORS["channels"], other]}), encoding="utf-8")
+    said = "left out, no feature of a cycle reads"
+    code, _, err = mech_twin("monitor", "impact_mass", "--design", "--sensors", given)
+    assert (code, err.count(said)) == (0, 1)
+    assert f"/plant/work data: {said} forces.drive_work_j" in err
+
+
 def test_a_map_of_another_machine_is_refused(plant: Plant) -> None:
     code, _, err = mech_twin("monitor", "winding_drum", plant.faulty, "--map", plant.map)
     assert code not in (0, 1) and "key 'machine', value 'impact_mass': expected 'winding_drum'" in err
