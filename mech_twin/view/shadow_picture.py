@@ -86,10 +86,11 @@ class ShownFault(NamedTuple):
 
 
 class ShownAdvice(NamedTuple):
-    """An advice on the panel: its contents by name (empty: none), and whether it is accepted and on trial."""
+    """An advice on the panel: its contents by name (empty: none), whether it is on trial, and the last answer."""
 
     rows: tuple[tuple[str, str], ...] = ()
     is_on_trial: bool = False
+    decided: str = ""
 
 
 class ShownFit(NamedTuple):

@@ -29,6 +29,7 @@ from mech_twin.studies.advice import (
     AdviceState,
     AdviceStep,
     AdviceWish,
+    Decision,
     Recommendation,
     accepted,
     after_machine_cycle,
@@ -80,6 +81,7 @@ class AdvisorNode(TwinNode):
         super().__init__("advisor", machine_name, parameters)
         self.model = advice_model(catalogue_entry(machine_name), self.initial_parameters, wish, columns)
         self.wish, self.state, self.number = wish, AdviceState(), 0
+        self.answer: Decision | None = None  # the newest one to an offer, or at the end of a trial
         self._origin, self._now_s = origin, 0.0  # end of the newest cycle, on the time base of the samples
         self.has_fault: Callable[[], bool] = lambda: False
         self.known_changes: Callable[[], Mapping[str, Any]] = dict
@@ -249,6 +251,7 @@ class AdvisorNode(TwinNode):
             reason = f"{decision.reason}; not sent, since the machine stands and a speed would start it"
             decision, self.state = decision._replace(reason=reason, sent=None), step.state._replace(is_kept=True)
         self._decided_s = decision.time_s
+        self.answer = self.answer if decision.what == "offered" else decision
         if decision.sent is not None and self._send_value is not None:
             self._send_value(decision.sent.value)
             self._value = decision.sent.value

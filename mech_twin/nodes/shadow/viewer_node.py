@@ -132,11 +132,15 @@ class ShadowViewerNode(TwinNode):
 
     def _advice(self) -> ShownAdvice:
         advisor = self._advisor
-        if advisor is None or advisor.state.advice is None:
+        if advisor is None:
             return ShownAdvice()
+        answer = advisor.answer
+        decided = "" if answer is None else f"t = {answer.time_s:.1f} s: {answer.what}: {answer.reason}"
+        if advisor.state.advice is None:
+            return ShownAdvice(decided=decided)
         is_on_trial = advisor.state.phase == "trial"
         rows = advice_rows(advisor.state.advice, is_on_trial=is_on_trial, dry_run=advisor.wish.dry_run)
-        return ShownAdvice(rows, is_on_trial)
+        return ShownAdvice(rows, is_on_trial, decided)
 
     def _state(self) -> ShadowState:
         shadow, monitor = self._shadow, self._monitor

@@ -19,11 +19,12 @@ export function showFaults(faults) {
   commands(run.commands);
 }
 
-export function showAdvice({ rows, is_on_trial: isOnTrial }) {
+export function showAdvice({ rows, decided, is_on_trial: isOnTrial }) {
   find("advice").hidden = !run.orders.includes("accept");
   find("advice-rows").replaceChildren(...rows.map(adviceRow));
   find("advice-none").hidden = rows.length > 0;
   find("advice-answers").hidden = !rows.length;
+  find("advice-decided").textContent = decided;
   mark("accept", isOnTrial);
   commands(run.commands);
 }

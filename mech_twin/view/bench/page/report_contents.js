@@ -34,7 +34,7 @@ function seen() {
       { title: "Numbers of the run", head: ["quantity", "value", "unit"], rows: [...cells("metrics"), ...cells("more-metrics")] },
       { title: "Residuals", head: ["residual", "worst", "limit"], rows: cells("residuals") },
       { title: "Alarms", head: ["fault"], rows: [...find("faults").querySelectorAll(".fault")].map((each) => [...each.querySelectorAll(":scope > b, :scope > div:not(.row)")].map((part) => part.textContent.replace("\n", ", ")).join(", ")).map((text) => [text]) },
-      { title: "Advice", head: ["advice", ""], rows: cells("advice-rows") },
+      { title: "Advice", head: ["advice", ""], rows: [...cells("advice-rows"), ["last answer", find("advice-decided").textContent]].filter(([, value]) => value) },
       { title: "Identified from the last minutes", head: ["key", "before", "found, 95 % interval"], rows: cells("fit-rows") },
       { title: "Newest events", head: ["event"], rows: events },
     ],
