@@ -295,10 +295,8 @@ def identify(
     from mech_twin.studies.spreading import used_cores
 
     built = built_machine(machine, _path(config), settings)
-    runs, held_out = (
-        sequence_items("runs", runs, "a list of paths"),
-        sequence_items("held_out", held_out, "a list of paths"),
-    )
+    runs = sequence_items("runs", runs, "a list of paths")
+    held_out = sequence_items("held_out", held_out, "a list of paths")
     sequence_items("free", free, "a list of keys, or keys with their bounds")
     map_file = _file("given_map", given_map)
     channels, turn = read_given(map_file, built), model_turn(built)

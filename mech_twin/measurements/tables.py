@@ -205,7 +205,7 @@ class _TextForm:
         self.rising = tuple(name for name, column in below.items() if _rises(column))
 
     def batches(self, names: list[str]) -> Iterator[pa.RecordBatch]:
-        """Yield these columns as floats, batch by batch."""
+        """Yield these columns by their types, batch by batch."""
         from pyarrow import csv as arrow_csv
 
         cut = self._unended_line()
@@ -242,7 +242,7 @@ class _TextForm:
         if found is None:
             return text
         column, line, kind, value = found.groups()
-        zoned = f"{EXPECTED_INSTANT} with a zone if the first one has it"
+        zoned = f"{EXPECTED_INSTANT} without blanks, with a zone if the first one has it"
         number = f"a number with decimal sign {self._decimal!r}, or in all lines {EXPECTED_INSTANT}"
         expected = f"a word such as n/a, {zoned if kind == 'timestamp' else number}"
         return f"column {list(self.types)[int(column)]!r}, line {line}, value {value!r}: expected {expected}"

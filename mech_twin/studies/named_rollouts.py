@@ -208,9 +208,8 @@ def rollouts(
     settings = sequence_items("settings", settings, "a list of settings, one a member")
     count = len(settings)
     begun = (None,) * count if starts is None else sequence_items("starts", starts, "a list of frames, one a member")
-    driven = (
-        (1.0,) * count if commands is None else sequence_items("commands", commands, "a list of commands, one a member")
-    )
+    asked_for = "a list of commands, one a member"
+    driven = (1.0,) * count if commands is None else sequence_items("commands", commands, asked_for)
     for name, given in (("starts", begun), ("commands", driven)):
         if len(given) != count:
             raise StudyError(f"{len(given)} {name} for {count} settings; expected one each")

@@ -221,6 +221,7 @@ def test_whole_nanoseconds_since_1970_are_exact(kind: Any, tmp_path: Path) -> No
         ("t,y,x\n03.11.2026 08:00,1,2\n", ("column 't', line 2, value '03.11.2026 08:00'", "a time such as")),
         ("t,x\n2026-11-03T08:00,1\n2026-11-03T08:00Z,2\n", ("column 't', line 3", "a time such as", "zone")),
         ("t,x\n2026-11-03T08:00Z,1\n2026-11-03T08:00,2\n", ("column 't', line 3", "a time such as", "zone")),
+        ("t,x\n2026-11-03T08:00 ,1\n2026-11-03T08:01 ,2\n", ("column 't', line 2", "without blanks")),
         ("t,x\n2026-11-03,1\n2026-11-04,2\n", ("no line of numbers", "a time such as")),
         ("t;x\n0;1\n1,5;2.5\n", ("column 'x', line 3, value '2.5'", "decimal sign ','")),
         ("t,x\n0,1\n1,2,3\n2,3\n", ("columns",)),

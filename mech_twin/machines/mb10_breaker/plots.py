@@ -66,12 +66,12 @@ def _efficiency(parameters: BreakerParameters) -> Picture:
     figure, panels = sheet(1, 2, 9.0, 3.8)
     middle = np.geomspace(0.05, 50.0, 40)
     fine, coarse = np.geomspace(0.05, 50.0, 200), np.geomspace(0.05, 50.0, 13)
-    for closed, led, colour, label in (
+    for closed, simulated, colour, label in (
         (share_of_rectangle, simulated_share_of_rectangle, BLUE, "rod of the tool's impedance, $x = 2Lk/cZ$"),
         (share_of_mass, simulated_share_of_mass, RED, "rigid mass, $a = kM/Z^2$"),
     ):
         panels[0].semilogx(fine, [closed(float(x)) for x in fine], color=colour, label=label)
-        panels[0].semilogx(coarse, [led(float(x)) for x in coarse], "o", color=colour, markersize=4)
+        panels[0].semilogx(coarse, [simulated(float(x)) for x in coarse], "o", color=colour, markersize=4)
     for (label, steps), style in zip(STRIKERS.items(), ("-", "--", "-.", ":"), strict=True):
         shares = [simulated_share_of_steps(steps, float(x), 100) for x in middle]
         panels[0].semilogx(middle, shares, color=INK, linestyle=style, linewidth=1.0, label=label)

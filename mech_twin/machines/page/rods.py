@@ -56,7 +56,7 @@ class ContactRod(WaveTool):
     wall: RodWall = choice("the wall behind the rod", default=RodWall())
 
     @model_validator(mode="after")
-    def _can_be_simulation_of(self) -> Self:
+    def _can_be_simulated(self) -> Self:
         if self.unseated_gap_m != WaveTool.model_fields["unseated_gap_m"].default:
             raise ValueError("unseated_gap_m has no effect here: the rod of a page stands in its seat")
         wave_grid(self, 0.0, "")
@@ -137,7 +137,7 @@ class PageRods:
         return event.kind == "impact" and event.contact in self.rods and event.impulse_ns > 0.0
 
     def _simulation_of(self, event: Event) -> tuple[WaveGrid, float, BlowSimulation]:
-        """Return the grid of an event's blow, the striker's mass (kg), and what leads it once more."""
+        """Return the grid of an event's blow, the striker's mass (kg), and what simulates it again."""
         closing = event.pre_velocity_m_per_s
         mass = event.impulse_ns / (closing - event.post_velocity_m_per_s)
         grid = with_head_within(self.grids[event.contact], mass)

@@ -15,9 +15,8 @@ from mech_twin.parts.rod_waves.contact_law import BOND, LAW_COLUMNS
 from mech_twin.parts.rod_waves.fatigue import StressLine, blow_damage
 from mech_twin.parts.rod_waves.parameters import GridPiece, WaveGrid
 
-BlowSimulation = Callable[
-    [Array, Array], RodBlow
-]  # simulates a blow; rooms for both waves at the gauge and for the forces
+# simulates a blow; rooms for both waves at the gauge and for the forces
+BlowSimulation = Callable[[Array, Array], RodBlow]
 NO_CURVE, NO_FORCES = np.empty((0, 2)), np.empty((0, 1))
 LARGEST_HEAD = 0.9  # of the striker's mass: the rest moves it as a rigid body
 

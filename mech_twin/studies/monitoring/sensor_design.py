@@ -310,7 +310,7 @@ def sensor_design(setup: MonitorSetup) -> SensorDesign:
     metric = steady_metric(setup.baseline)
     signatures = setup.signatures
     usual = [_usual(signature) for signature in signatures]
-    isolability = np.array([[_left_open(r, other, metric) for other in signatures] for _, r in usual])
+    isolability = np.array([[_share_unexplained(r, other, metric) for other in signatures] for _, r in usual])
     faults = []
     for i, (signature, (size, response)) in enumerate(zip(signatures, usual, strict=True)):
         alike = tuple(
@@ -361,7 +361,7 @@ def _usual(signature: Signature) -> tuple[float, Array]:
     return float(signature.sizes[place]), signature.responses[place]
 
 
-def _left_open(response: Array, other: Signature, metric: Array) -> float:
+def _share_unexplained(response: Array, other: Signature, metric: Array) -> float:
     """Return the least share of an effect that another fault leaves unexplained, over all its sizes."""
     whole = float(response @ metric @ response)
     if whole <= 0.0:
