@@ -25,7 +25,7 @@ from mech_twin.measurements.units import shown_units
 from mech_twin.nodes.run.domain import settle_domain
 from mech_twin.parameters.load import file_tree, machine_of_prefix
 from mech_twin.parameters.load import machine as built_machine
-from mech_twin.roles import Machine
+from mech_twin.roles import Machine, own_name
 from mech_twin.samples import Drawing, Frame
 from mech_twin.studies.resimulation import ConfigurationHistory
 from mech_twin.studies.run_comparison import (
@@ -35,7 +35,6 @@ from mech_twin.studies.run_comparison import (
     columns_apart,
     compared,
     drawn_side_by_side,
-    names_of,
     require_one_machine,
 )
 from mech_twin.studies.simulation import Simulation
@@ -68,7 +67,7 @@ def compare_sides(request: CompareVerb) -> None:
         if request.as_json:
             print_json(_document(found))
         else:
-            _show(names_of(sides), found, request.everything)
+            _show(found, request.everything)
         say(*_remarks(sides))
         if overlay is not None:
             overlay.tell(sides, found)
@@ -85,7 +84,9 @@ def _compared(
     """Return both sides, each seen as it is read or computed, and what differs; their samples if they are shown."""
     sees: list[See] = [lambda machine, frame: None] * 2 if overlay is None else [overlay.first.see, overlay.second.see]
     sides = [_Side(name, see, shown) for name, see in zip(names, sees, strict=True)]
-    require_one_machine(names, [side.machine.name for side in sides])
+    machines = [side.machine for side in sides]
+    own_names = [own_name(machine.name, machine.parameters) for machine in machines]
+    require_one_machine(names, [machine.name for machine in machines], own_names)
     recorded = [side for side in sides if side.history is not None]
     if duration_s is not None and len(recorded) == len(sides):
         raise CommandError(f"--duration {duration_s:g}: two recordings have their own length; expected a configuration")
@@ -246,8 +247,8 @@ def _document(found: Comparison) -> dict[str, Any]:
     return {**head, "tolerance": found.tolerance, "within_tolerance": not found.beyond, **rows}
 
 
-def _show(name: str, found: Comparison, all_numbers: bool) -> None:
-    say_result(f"{name}\n  A  {found.labels[0]}\n  B  {found.labels[1]}")
+def _show(found: Comparison, all_numbers: bool) -> None:
+    say_result(f"{found.machine}\n  A  {found.labels[0]}\n  B  {found.labels[1]}")
     if found.settings:
         print_table("settings that differ", ("key", "A", "B"), [item[:3] for item in found.settings])
     shown = found.numbers if all_numbers else found.beyond
@@ -316,7 +317,7 @@ class Overlay:
         """Send the differences, and the pairs of times at equal angles of the cycle."""
         for side in (self.first, self.second):
             side.end()
-        self._tell_machine(names_of(sides))
+        self._tell_machine(found.machine)
         machine = self.first.machine
         leading = None if machine is None or machine.mechanism is None else _leading_angle(machine, sides[0])
         pairs = None if leading is None else at_equal_angle(sides[0], sides[1], leading)

@@ -127,13 +127,10 @@ class RunComparison:
     sides: tuple[ComparedRun, ComparedRun] | tuple[()] = ()
 
     def __repr__(self) -> str:
-        from mech_twin.studies.run_comparison import names_of
-
         found = self.found
         settings = [f"  {item.name}: {item.first}, {item.second}" for item in found.settings]
         apart = f"{len(found.beyond)} of {len(found.numbers)} numbers differ by more than {found.tolerance:g}"
-        name = names_of(self.sides) or found.machine
-        return "\n".join([f"{name}: {' and '.join(found.labels)}", *settings, apart])
+        return "\n".join([f"{found.machine}: {' and '.join(found.labels)}", *settings, apart])
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return every number of both sides and its relative difference, by name; needs the extra 'pandas'."""

@@ -57,7 +57,7 @@ class Differing(NamedTuple):
 
 @dataclass(frozen=True)
 class Comparison:
-    """Settings that differ, all numbers of both sides, and the tolerance."""
+    """Settings that differ, all numbers of both sides, and the tolerance; ``machine`` is the name its user gave it."""
 
     machine: str
     labels: tuple[str, str]
@@ -71,15 +71,10 @@ class Comparison:
         return tuple(number for number in self.numbers if not number.relative <= self.tolerance)
 
 
-def require_one_machine(labels: Sequence[str], machines: Sequence[str]) -> None:
-    """Raise a StudyError where the machines of two sides differ."""
+def require_one_machine(labels: Sequence[str], machines: Sequence[str], names: Sequence[str]) -> None:
+    """Raise a StudyError where the machines of two sides differ; ``names`` are those that their users gave them."""
     if machines[0] != machines[1]:
-        raise StudyError(f"A ({labels[0]}) is {machines[0]}, B ({labels[1]}) {machines[1]}; expected one machine")
-
-
-def names_of(sides: Sequence[ComparedRun]) -> str:
-    """Return the name of the machine, of a page its own; two pages may have two."""
-    return " and ".join(dict.fromkeys(str(side.configuration.get("name", side.machine)) for side in sides))
+        raise StudyError(f"A ({labels[0]}) is {names[0]}, B ({labels[1]}) {names[1]}; expected one machine")
 
 
 def compared(first: ComparedRun, second: ComparedRun, tolerance: float = 0.0) -> Comparison:
@@ -96,13 +91,15 @@ def compared(first: ComparedRun, second: ComparedRun, tolerance: float = 0.0) ->
     StudyError
         If the machines differ, or the tolerance is not a number from 0 to 1.
     """
-    require_one_machine((first.label, second.label), (first.machine, second.machine))
+    labels = first.label, second.label
+    names = [str(side.configuration.get("name", side.machine)) for side in (first, second)]
+    require_one_machine(labels, (first.machine, second.machine), names)
     tolerance = real_number("tolerance", tolerance, "0 to 1, a part of the larger of two numbers", 0.0, 1.0)
     summaries = first.summary, second.summary
     settings = _paired(dict(leaves(first.configuration)), dict(leaves(second.configuration)))
     return Comparison(
-        first.machine,
-        (first.label, second.label),
+        " and ".join(dict.fromkeys(names)),
+        labels,
         tuple(setting for setting in settings if setting.first != setting.second),
         _paired(*({name: x for name, x in each.items() if not name.startswith(RESIDUAL)} for each in summaries)),
         tolerance,

@@ -91,6 +91,13 @@ def test_what_cannot_be_compared_is_one_line(second, said):
     assert said in found.err
 
 
+def test_the_name_that_stands_on_a_page_is_told_in_refusals_and_documents():
+    found = mech_twin("compare", "config/pages/spring_hammer.yaml", "impact_mass", "--duration", 0.01)
+    assert (found.code, "is spring_hammer, B (impact_mass) impact_mass" in found.err) == (2, True)
+    found = mech_twin("compare", *["config/pages/slider_crank.yaml"] * 2, "--duration", 0.01, "--json")
+    assert json.loads(found.out)["machine"] == "slider_crank"
+
+
 def test_two_machines_are_told_apart_before_either_is_read_or_computed(monkeypatch, ros_domain, tmp_path):
     bag = tmp_path / "bag"
     assert mech_twin("simulate", "compaction_press", "--duration", "0.01", "--bag", bag).code == 0

@@ -76,7 +76,7 @@ def _efficiency(parameters: BreakerParameters) -> Picture:
         shares = [simulated_share_of_steps(steps, float(x), 100) for x in middle]
         panels[0].semilogx(middle, shares, color=INK, linestyle=style, linewidth=1.0, label=label)
     panels[0].set_xlabel("dimensionless wall stiffness, $x = 2Tk/Z$ or $a$")
-    panels[0].set_title("First wave, long tool: lines closed form, dots led")
+    panels[0].set_title("First wave, long tool: lines closed form, dots integrated")
     for ratio, colour in zip(RATIOS, (BLUE, GREEN, ORANGE), strict=True):
         shares = []
         for k in STIFFNESSES:
