@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What of the sensors, the clock or the priors would explain the residuals of a fit.
+"""What of the sensors, the clock, the beginning or the priors would explain the residuals of a fit.
 
 Each cause is an unknown that the fit did not have.  To first order it takes a share of the squared residuals away, if
 the fit follows.  Beside a fit that noise does not refute, that is judged by the score test (Rao 1948): by chance noise,
@@ -9,7 +9,7 @@ little: it is repeated with each cause that seems likely, and only what then exp
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -21,22 +21,33 @@ from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.measurement_map import FREE
 from mech_twin.measurements.units import unit_of
 from mech_twin.studies.identification.fit_problem import (
+    BEGIN,
     GAIN,
     LAG,
+    TIME_SCALE_S,
     ZERO,
     FitProblem,
     Unknown,
+    Unknowns,
     problem_of,
     unknowns_of,
 )
-from mech_twin.studies.identification.fit_quality import TINY, Fitted, channel_noise, in_map, noise_misfit
+from mech_twin.studies.identification.fit_quality import (
+    TINY,
+    Fitted,
+    channel_noise,
+    in_map,
+    noise_misfit,
+    refutation,
+)
 from mech_twin.studies.identification.fit_runs import FitChannel, FitRun
-from mech_twin.studies.identification.intervals import Linearised, remembered_noise
+from mech_twin.studies.identification.intervals import Linearised, linearised, remembered_noise
 from mech_twin.studies.identification.staged_fit import carried_over, refined, robust_weights
 
 MOST = 0.8  # share of the squared residuals beyond noise that a cause explains, to be told of a refuted fit
 ALIKE = 0.95  # of what the best cause explains: one that explains as much is told beside it
 SCORE = float(stats.chi2.isf(1e-4, 1))  # a score that noise exceeds once in so many candidates
+FARTHEST_BEGIN = 3.0  # times the begin to first order: the bound of a fit with it
 LEAST_OWN = 1e-6  # share of a cause's squared effect that the fit does not follow: with less, it explains nothing
 
 
@@ -51,32 +62,48 @@ class FitCause(NamedTuple):
 
 
 def likely_cause(fitted: Fitted, whole: Fitted, line: Linearised, *, is_refuted: bool) -> str:
-    """Return the errors of sensors, clock or priors that would explain a fit's residuals, with sizes; maybe none.
+    """Return the errors of sensors, times or priors that would explain the residuals of a fit, with sizes; maybe none.
 
     Parameters
     ----------
     whole : Fitted
         The same point with all keys free, of which ``line`` holds the derivatives at the fit.
     """
-    causes, beyond = _causes(fitted, whole, line)
-    most = max(cause.won for cause in causes)
-    alike = [cause for cause in causes if cause.won >= ALIKE * most]
+    alike = _alike(_causes(fitted, whole, line))
     if not is_refuted:
         words = " or ".join(cause.words(cause.size) for cause in alike)
-        best = max(cause.score for cause in alike)
+        best = max((cause.score for cause in alike), default=0.0)
         return f"; but {words} would fit better, which the interval does not hold" if best > SCORE else ""
-    lacking, named, least = noise_misfit(fitted) ** 2 - 1.0, [], 1.0
-    for cause in alike if 0.0 < MOST * beyond < most and lacking > 0.0 else ():
+    found = _explaining(fitted, alike)
+    named = [each for each in found if refutation(each[0]) is None] or found
+    words, least = " or ".join(words for *_, words in named), min((share for _, share, _ in named), default=1.0)
+    return f"; {words} would explain {100.0 * least:.0f} % of what noise does not" if named else ""
+
+
+def explained(fitted: Fitted) -> bool:
+    """Return whether noise does not refute the fit with a cause that would be told, which no other keys would win."""
+    found = _explaining(fitted, _alike(_causes(fitted, fitted, linearised(fitted))))
+    return any(refutation(with_cause) is None for with_cause, *_ in found)
+
+
+def _explaining(fitted: Fitted, causes: Sequence[FitCause]) -> list[tuple[Fitted, float, str]]:
+    """Return the fits with a cause that explains most of what noise does not, the share of it, and the cause."""
+    lacking, explaining = noise_misfit(fitted) ** 2 - 1.0, list[tuple[Fitted, float, str]]()
+    for cause in causes if lacking > 0.0 else ():
         found, size = cause.refitted(cause.size)
         share = min((lacking - noise_misfit(found) ** 2 + 1.0) / lacking, 1.0)
-        if share > MOST:
-            named.append(cause.words(size))
-            least = min(least, share)
-    return f"; {' or '.join(named)} would explain {100.0 * least:.0f} % of what noise does not" if named else ""
+        explaining += [(found, share, cause.words(size))] if share > MOST else []
+    return explaining
 
 
-def _causes(fitted: Fitted, whole: Fitted, line: Linearised) -> tuple[list[FitCause], float]:
-    """Return the causes with what they explain to first order, and the squared residuals beyond noise."""
+def _alike(causes: Sequence[FitCause]) -> list[FitCause]:
+    """Return the causes that explain nearly as much as the likeliest, to first order."""
+    most = max(cause.won for cause in causes)
+    return [cause for cause in causes if cause.won >= ALIKE * most > 0.0]
+
+
+def _causes(fitted: Fitted, whole: Fitted, line: Linearised) -> list[FitCause]:
+    """Return the causes with what they explain to first order."""
     problem, masks = fitted.problem, fitted.comparison.masks
     opened = [replace(run, channels=tuple(map(_all_open, run.channels))) for run in problem.runs]
     unknowns = unknowns_of(problem.question, opened)
@@ -93,8 +120,7 @@ def _causes(fitted: Fitted, whole: Fitted, line: Linearised) -> tuple[list[FitCa
     def left_by_fit(column: Array) -> Array:
         return np.asarray(column - root @ (root.T @ column))
 
-    all_off = line.residuals * weights
-    off, beyond = left_by_fit(all_off), float(all_off @ all_off) - len(rows)
+    off = left_by_fit(line.residuals * weights)
 
     def explained(column: Array) -> tuple[float, float, float]:
         own = left_by_fit(column)
@@ -125,7 +151,9 @@ def _causes(fitted: Fitted, whole: Fitted, line: Linearised) -> tuple[list[FitCa
             of_channel = line.channels == number
             by_delay[of_channel] = -robust[of_channel] / fitted.comparison.sigmas[j]
     found.append(FitCause(*explained(by_delay * times), _of_clock, partial(_other_clock, fitted)))
-    return found, beyond
+    if all(run.begin_s is not None for run in problem.runs):
+        found.append(FitCause(*explained(-by_delay), _of_begin, partial(_begun, fitted)))
+    return found
 
 
 def _of_sensor(kind: str, channel: FitChannel, size: float) -> str:
@@ -140,6 +168,11 @@ def _of_prior(key: str, value: float) -> str:
 def _of_clock(rate: float) -> str:
     way = "fast" if rate > 0.0 else "slow"
     return f"a clock {100.0 * abs(rate):.3g} % too {way}, or a machine as much the other way,"
+
+
+def _of_begin(begin_s: float) -> str:
+    side = "after" if begin_s > 0.0 else "before"
+    return f"a run that begins {abs(begin_s):.4g} s {side} the machine's start"
 
 
 def _open(fitted: Fitted, unknown: Unknown, size: float) -> tuple[Fitted, float]:
@@ -178,6 +211,18 @@ def _other_clock(fitted: Fitted, rate: float) -> tuple[Fitted, float]:
 
     runs = [replace(run, channels=tuple(map(slower, run.channels))) for run in fitted.problem.runs]
     return refined(problem_of(fitted.problem.question, runs), fitted.x), rate
+
+
+def _begun(fitted: Fitted, begin_s: float) -> tuple[Fitted, float]:
+    """Return the fit of runs that begin at another time of the machine's run, and this time."""
+    problem = fitted.problem
+    reach = min(FARTHEST_BEGIN * abs(begin_s), *(run.last_s - run.first_s for run in problem.runs))
+    runs = [replace(run, begin_s=reach) for run in problem.runs]  # simulated as much longer
+    begin = Unknown(BEGIN, "", tuple(range(len(runs))), 0, TIME_SCALE_S, -reach, reach)
+    x = np.append(fitted.x, np.clip(begin_s, -reach, reach) / begin.scale)
+    unknowns = Unknowns((*problem.unknowns.all, begin), x)
+    found = refined(FitProblem(problem.model.over(runs), unknowns, problem.priors), x)
+    return found, float(found.x[-1]) * begin.scale
 
 
 def _all_open(channel: FitChannel) -> FitChannel:

@@ -17,7 +17,7 @@ import numpy as np
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.errors import StudyError
 from mech_twin.measurements.blocks import Array
-from mech_twin.studies.identification.causes import likely_cause
+from mech_twin.studies.identification.causes import explained, likely_cause
 from mech_twin.studies.identification.fit_problem import BEGIN, GAIN, KEY, LAG, ZERO, FitProblem, problem_of
 from mech_twin.studies.identification.fit_quality import (
     ChannelFit,
@@ -210,10 +210,10 @@ def _best_fit(
     progress("which keys the channels see")
     chosen = sensitivity_at(everything, everything.unknowns.start).estimated(places)
     some = problem_of(question.of([question.keys[i] for i in chosen]), runs)
-    found = searched(some, question.seed, progress, question.scheduler)
+    found = searched(some, question.seed, progress, question.scheduler, explained)
     if len(chosen) < len(places) and refutation(found[0]) is not None:
         # the effect of a key at the start of the search may differ from that elsewhere
-        with_all = searched(problem_of(question, runs), question.seed, progress, question.scheduler)
+        with_all = searched(problem_of(question, runs), question.seed, progress, question.scheduler, explained)
         if noise_misfit(with_all[0]) < noise_misfit(found[0]):
             return places, *with_all
     return chosen, *found
@@ -431,15 +431,15 @@ def verdicts_of(
     estimates[places], errors[places] = fitted.key_values, known.errors[own] * sizes
     halves[:, places], given[:, places] = known.half_widths[:, own] * sizes, known.given_tied[:, own] * sizes
     around_it = (fitted, around.whole, around.line)
-    lacking, found = refutation(fitted, agreed=search.agreed or search.starts == 1), list[Combination]()
+    lacking, cause, found = refutation(fitted, agreed=search.agreed or search.starts == 1), "", list[Combination]()
     if lacking is None:
         found = combined(question, Refits(around.whole, around.line), seen, chosen, given, progress)
     else:
-        lacking += likely_cause(*around_it, is_refuted=True)
+        cause = likely_cause(*around_it, is_refuted=True)
     fixed = frozenset(set(range(count)) - set(chosen))
     evidence = KeyEvidence(
         *(question.keys, before, estimates, errors, halves, question.search_range()),
-        *(scales, seen, fixed, refuted(lacking, search), found),
+        *(scales, seen, fixed, refuted(lacking, search, cause), found),
     )
     doubt = likely_cause(*around_it, is_refuted=False) if lacking is None else ""
     return [

@@ -108,12 +108,19 @@ class Search:
 
 
 def searched(
-    problem: FitProblem, seed: int, progress: Progress = quiet, scheduler: str | None = None
+    problem: FitProblem,
+    seed: int,
+    progress: Progress = quiet,
+    scheduler: str | None = None,
+    explained: Callable[[Fitted], bool] = lambda _: False,
 ) -> tuple[Fitted, Search]:
-    """Return the best fit, and a summary of its search; a ``scheduler`` distributes the further starts."""
+    """Return the best fit, and a summary of its search; a ``scheduler`` distributes the further starts.
+
+    ``explained`` tells whether something else than the keys explains what noise does not: then a search is in vain.
+    """
     ended: list[Fitted] = []
     for attempt in range(ATTEMPTS):
-        found, early = _ends(problem, seed + ATTEMPTS * attempt, attempt > 0, progress, scheduler)
+        found, early = _ends(problem, seed + ATTEMPTS * attempt, attempt > 0, progress, scheduler, explained)
         ended = sorted(found if early else [*ended, *found], key=noise_misfit)
         seen = _search_summary(ended)
         # starts from about a fit alone agree with it wherever it ended
@@ -123,9 +130,14 @@ def searched(
 
 
 def _ends(
-    problem: FitProblem, seed: int, widely: bool, progress: Progress, scheduler: str | None
+    problem: FitProblem,
+    seed: int,
+    widely: bool,
+    progress: Progress,
+    scheduler: str | None,
+    explained: Callable[[Fitted], bool],
 ) -> tuple[list[Fitted], bool]:
-    """Return the final fits of one search, and whether it ended before the whole runs.
+    """Return the final fits of one search, and whether no other is needed.
 
     ``widely``: with further starts in the first stage in any case, and half of them from the whole box.
     """
@@ -136,6 +148,8 @@ def _ends(
         progress(f"first {100.0 * share:.0f} % of the runs" if share < 1.0 else "whole runs")
         found = sorted(stage_fits(problem, survivors, share, progress), key=noise_misfit)
         off = refutation(found[0])
+        if off is not None and share == 1.0 and explained(found[0]):
+            return found, True
         if off is not None or (widely and stage == 0):
             progress(f"further starts: {off or 'from elsewhere'}")
             starts = _further(stage_part(problem, share, found[0].x), found, share, seed + stage, widely)

@@ -385,13 +385,16 @@ class KeyEvidence:
         return COMBINATION, f"its effect on the channels equals that of {partners}{seen}"
 
 
-def refuted(off: str | None, search: Search) -> tuple[str, str] | None:
+def refuted(off: str | None, search: Search, cause: str = "") -> tuple[str, str] | None:
     """Return the common verdict and reason if noise does not explain the residuals; None if it does.
 
-    If most starts ended in the best minimum, the model is incomplete; else the search may have missed the minimum.
+    If a cause explains them, or most starts ended in the best minimum, the model is incomplete; else the search may
+    have missed the minimum.
     """
     if off is None:
         return None
+    if cause:
+        return MODEL_ERROR, off + cause
     seen = f"{search.agreeing} of {search.starts} starts ended in the best of {search.valleys} local minima"
     if search.agreed:
         return MODEL_ERROR, f"{off}, and {seen}: the model lacks something"
