@@ -104,11 +104,11 @@ def answer_search(request: SearchVerb) -> None:
         found = _searched(request, by_runs=by_runs)
         first, shorter = found[0], found[0].in_shorter_steps
         of_runs = {"limits": request.limit, "duration_s": request.duration_s or 0.0} if by_runs else {}
-        objectives = request.objective[0] if by_runs else tuple(first.objectives)
-        study.write_found(request, first.parameters, objective=objectives, **of_runs, seed=request.seed)
+        wanted = tuple(request.objective)
+        wanted = wanted if by_runs else asked_objectives(design_question(request.machine), wanted)
+        study.write_found(request, first.parameters, objective=wanted, **of_runs, seed=request.seed)
     options = study.options_of(request, "objective", "bound", "limit", *(("duration_s",) if by_runs else ()), "seed")
-    if not by_runs:
-        options["objective"] = asked_objectives(design_question(request.machine), tuple(request.objective))
+    options["objective"] = wanted
     rows = [
         {**each.variables, **in_common_digits(each.objectives, study.numbers_beside(each.in_shorter_steps))}
         for each in found

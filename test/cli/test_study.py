@@ -125,7 +125,9 @@ def test_the_press_that_is_printed_is_the_one_that_is_written_with_its_speed_and
     done = asked("compaction_press", "search", *words)
     assert done.code == 0, done.err
     design = json.loads(done.out)["designs"][0]
-    built = machine("compaction_press", tmp_path / "compaction_press-found.yaml")
+    written = tmp_path / "compaction_press-found.yaml"
+    assert "# objective: peak_torque_nm\n" in written.read_text()  # the usual one
+    built = machine("compaction_press", written)
     assert built.parameters.drive.speed_rpm == 200.0
     assert built.parameters.working_force.peak_n == 15000.0
     report = built.report()
