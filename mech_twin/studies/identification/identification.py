@@ -9,7 +9,7 @@ what was held out scores the result.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -71,6 +71,7 @@ WORSE = 1.2  # times the misfit: a worse fit with fewer keys is rejected
 CHOICES = 3  # rounds of choosing the keys to estimate, each at the last fit
 REFITS = 2  # at most, if a step or a profile shows that the fit had not converged
 PREDICTABLE = (0.5, 0.25, 0.12)  # shares of the runs to try if derivatives over the whole runs are unreliable
+NEEDED = "; but without it the others do not explain the runs"
 OFFSET = 0.1  # of a half width: with a longer next step, the fit has not converged
 
 
@@ -81,8 +82,8 @@ class Identification:
     Attributes
     ----------
     parameters : Parameters
-        Resulting configuration: keys that are identified, one-sided, or part of an identified combination are changed;
-        the others are as before.
+        Resulting configuration: keys that are identified, one-sided, or part of an identified combination are changed,
+        and fitted ones that these need to explain the runs; the others are as before.
     combinations : tuple of Combination
         Identifiable combinations of keys that are not identifiable alone.
     search : Search
@@ -162,8 +163,7 @@ def identified(
     around, chosen, known = _settled_choice(question, around, chosen, progress)
     fitted = around.fitted
     keys, combined = verdicts_of(question, around, chosen, known, search, progress)
-    values = {key.key: key.estimate for key in keys if key.verdict in WRITTEN}  # the others keep their values
-    parameters = question.of(values).parameters(list(values.values())) if values else question.base
+    parameters, keys = _written(question, fitted, keys, chosen)
     progress("what was held out")
     held, before = _scores(question, parameters, fitted_runs, held_runs, later)
     return Identification(
@@ -445,6 +445,28 @@ def verdicts_of(
     return [
         replace(key, reason=key.reason + doubt) if key.verdict == IDENTIFIED else key for key in evidence.verdicts()
     ], found
+
+
+def _written(
+    question: IdentificationQuestion, fitted: Fitted, keys: Sequence[KeyVerdict], chosen: Sequence[int]
+) -> tuple[Parameters, list[KeyVerdict]]:
+    """Return the resulting configuration, and the keys with their final reasons.
+
+    Keys that are not seen keep their values.  Fitted ones do so unless the others, which were fitted beside them, do
+    not explain the runs without them.
+    """
+
+    def with_values(values: Mapping[str, float]) -> Parameters:
+        return question.of(values).parameters(list(values.values())) if values else question.base
+
+    values = {key.key: key.estimate for key in keys if key.verdict in WRITTEN}
+    beside = {keys[i].key: keys[i].estimate for i in chosen if keys[i].verdict not in WRITTEN}
+    if values and beside and refutation(fitted) is None:
+        without = fixed_fit(question, with_values(values), fitted.problem.runs)
+        if refutation(without) is not None:
+            values |= beside
+            keys = [replace(k, reason=k.reason + NEEDED) if k.key in beside else k for k in keys]
+    return with_values(values), list(keys)
 
 
 def _scores(

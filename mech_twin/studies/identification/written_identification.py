@@ -19,7 +19,7 @@ import numpy as np
 import scipy
 
 from mech_twin import __version__
-from mech_twin.declarations.configuration_tree import configuration_tree
+from mech_twin.declarations.configuration_tree import configuration_tree, value_in
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.input_file import opened_input
 from mech_twin.files.output_file import (
@@ -49,7 +49,8 @@ ASKED = ("keys", "bounds", "priors", "longest_begin_s", "cores", "scheduler")  #
 def configuration_text(found: Identification, runs: Sequence[str]) -> str:
     """Return the resulting configuration as a parameter file, with a comment of the result beside each free key."""
     text = description_text(kind_of(found.question.machine), found.parameters)
-    notes = {key.key: _note(key, runs) for key in found.keys}
+    tree = configuration_tree(found.parameters)
+    notes = {key.key: _note(key, runs, changed=value_in(tree, key.key) != key.before) for key in found.keys}
     lines = text.splitlines()
     for key, (*_, line) in scalar_lines(text):
         if key in notes:
@@ -57,13 +58,13 @@ def configuration_text(found: Identification, runs: Sequence[str]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _note(key: KeyVerdict, runs: Sequence[str]) -> str:
+def _note(key: KeyVerdict, runs: Sequence[str], *, changed: bool) -> str:
     if key.verdict == IDENTIFIED:
         half = 0.5 * (key.high_95 - key.low_95)
         return f"identified {key.estimate:.6g} +- {half:.2g} (95 %) from {', '.join(runs)}"
-    if key.verdict == COMBINATION and key.estimate != key.before:
+    if key.verdict == COMBINATION and changed:
         return f"in combination: {key.reason}"
-    return f"kept: {key.verdict}, {key.reason}"
+    return f"{'changed' if changed else 'kept'}: {key.verdict}, {key.reason}"
 
 
 def _channel(each: ChannelFit) -> dict[str, Any]:
