@@ -33,6 +33,7 @@ from mech_twin.errors import MeasurementError, StudyError
 from mech_twin.files.output_file import written_file
 from mech_twin.files.report_page import page, section, versions
 from mech_twin.parameters.load import catalogue_entry
+from mech_twin.recording.bag_metadata import FILE_NAME as METADATA
 from mech_twin.recording.errors import BagError
 from mech_twin.results.opened_runs import given_map
 from mech_twin.studies.monitoring.fleet import Fleet, FleetMember, Sister, fleet_of, judged_member
@@ -315,6 +316,8 @@ def _judged(request: FleetVerb, sister: MonitorSetup | None, folder: Path) -> tu
 
 
 def _runs(request: FleetVerb, folder: Path) -> list[RunFeatures]:
+    if (folder / METADATA).exists():
+        raise CommandError(f"{folder}: a bag; expected the folder of a machine, its recordings in it")
     paths = sorted(each for each in _listed(folder) if each.name != BASELINE and not each.name.startswith("."))
     least = 1 if (folder / BASELINE).exists() else request.healthy + 1
     if len(paths) < least:

@@ -116,6 +116,7 @@ def test_a_fleet_is_ranked_each_machine_by_its_own_baseline_and_its_sisters(
     for name, kept in (("m7", first / "baseline.json"), ("m8", plant.map)):  # of another machine
         copytree(OTHER, hall / name / "a")
         copyfile(kept, hall / name / "baseline.json")
+    copytree(plant.healthy, hall / "n0")  # not in the folder of its machine
     (hall / "m9" / "a").mkdir(parents=True)
     copyfile(first / "baseline.json", hall / "m9" / "baseline.json")
     (hall / "m9" / "a" / "a_0.mcap").write_bytes(b"broken")
@@ -129,6 +130,7 @@ def test_a_fleet_is_ranked_each_machine_by_its_own_baseline_and_its_sisters(
     assert not any(each["verdict"] for each in told["machines"][1:])
     assert "0 recordings; expected baseline.json and a recording" in told["refused"]["m6"]
     assert "has no topic '/plant/generator'" in told["refused"]["m7"] and {"m8", "m9"} < set(told["refused"])
+    assert "n0: a bag; expected the folder of a machine" in told["refused"]["n0"]
     drawn = page.read_text(encoding="utf-8")
     assert "first_level" in drawn and "Not judged" in drawn
     assert f"with 6 machines a finding is confirmed beyond {told['confirming']:.3g}, a machine without one" in drawn
