@@ -15,6 +15,8 @@ the pivots do not predict is kept::
     y = (x - m - r)_others - J_others J_pivots^-1 (x - m - r)_pivots
 
 y has no component along J, so that charts, diagnosis and signatures of y do not depend on the operating point.
+J_pivots^-1 is taken by the singular values s of J_pivots in standard deviations of the pivots: s/max(s, `FAINT`)^2 for
+1/s.  A variable that the pivots hardly show would otherwise multiply their noise without bound, where s passes zero.
 Variables with the same effect on the features form one group; variables without a measurable effect are left out.
 """
 
@@ -41,6 +43,7 @@ LIMIT = 1.3  # of the ranges: simulated points, and bound of the estimate of u
 MOST_FAR = 0.1  # of healthy cycles that may be farther off than was simulated
 OUTSIDE = 1.1  # of a range: beyond it, a variable counts as outside
 SEEN = 0.25  # standard deviations of the features at the end of a range: a smaller effect is not measurable
+FAINT = 0.1  # standard deviations of the pivots at the end of a range: a smaller effect on them is not divided by
 STEPS = 8  # of the Gauss-Newton iteration
 SMOOTHED = 0.05  # weight of the newest cycle in the smoothed operating point
 SETTLED_CYCLES = 2.0 / SMOOTHED - 1.0  # whose mean is as exact as the smoothed operating point
@@ -132,6 +135,12 @@ class OperatingSurface:
         """Names of the features that are not pivots."""
         return tuple(self.names[i] for i in self.others)
 
+    @cached_property
+    def _white_pivots(self) -> Array:
+        """W (q, q), the inverse of a root of the pivots' noise: W x_pivots has unit covariance."""
+        spread = np.linalg.inv(self.root)[list(self.pivots)]
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(spread @ spread.T)))
+
     @property
     def left_noise(self) -> Array:
         """Standard deviation (d - q,) of y from cycle to cycle, at u = 0."""
@@ -190,11 +199,13 @@ class OperatingSurface:
         return found
 
     def annihilator(self, u: Array) -> Array:
-        """Return A (d - q, d) with y = A (x - m - r) and A dr/du = 0."""
+        """Return A (d - q, d) with y = A (x - m - r); A dr/du = 0 but for an effect that is `FAINT`."""
         slope = self.response(u)[1]
+        left, sizes, right = np.linalg.svd(self._white_pivots @ slope[list(self.pivots)])
+        known = (right.T * (sizes / np.maximum(sizes, FAINT) ** 2)) @ left.T @ self._white_pivots
         found = np.zeros((len(self.others), len(self.names)))
         found[np.arange(len(self.others)), self.others] = 1.0
-        found[:, self.pivots] = -np.linalg.solve(slope[list(self.pivots)].T, slope[list(self.others)].T).T
+        found[:, self.pivots] = -slope[list(self.others)] @ known
         return found
 
     def rest(self, row: Array) -> tuple[Array, Array]:

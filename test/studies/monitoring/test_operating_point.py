@@ -86,6 +86,25 @@ def test_nothing_is_left_of_a_healthy_machine_at_another_point_and_the_point_is_
     np.testing.assert_allclose(known.annihilator(point) @ known.response(point)[1], 0.0, atol=1e-9)
 
 
+def test_a_variable_that_the_sensors_hardly_show_adds_no_outliers_to_what_is_left() -> None:
+    """Its effect on the pivots passes zero where the machine runs, as a fit to noise may tell."""
+    known = surface()
+    coefficients = np.zeros_like(known.coefficients)
+    coefficients[0] = [50.0, 3.0, -2.0, 1.0, 4.0]
+    coefficients[1] = [0.02, 0.04, -0.05, 0.06, 0.03]
+    coefficients[3] = [0.0, 0.02, -0.01, -0.1, 0.02]  # supply times load
+    weak = replace(known, coefficients=coefficients)
+
+    def left(load: float) -> np.ndarray:
+        noise = np.random.default_rng(1).standard_normal((2000, D))
+        return np.array([weak.rest(weak.mean + weak.response(np.array([0.6, load]))[0] + row)[0] for row in noise])
+
+    usual = left(0.0)
+    assert np.abs(usual).max() < 5.0
+    for load in (-1.0, 1.0):
+        assert (np.abs((left(load) - usual).mean(axis=0)) < 0.1).all()  # standard deviations of a cycle
+
+
 @pytest.mark.parametrize(("u", "far"), [((0.9, -0.9), []), ((0.2, 1.6), ["load"]), ((-2.0, 0.0), ["supply"])])
 def test_a_variable_of_healthy_cycles_that_is_farther_off_than_was_simulated_is_named(
     u: tuple[float, float], far: list[str]
