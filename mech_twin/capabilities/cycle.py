@@ -72,14 +72,21 @@ def lead_coefficient(
 
 
 @kernel
-def mean_of_extreme(values: Array, count: int, of_largest: bool) -> float:
-    """Return the mean of the ``count`` largest values, or of the smallest, summed in ascending order."""
-    first = len(values) - count if of_largest else 0
-    parted = np.partition(values, first if of_largest else count - 1)
-    total = 0.0
-    for value in np.sort(parted[first : first + count]):
-        total += value
-    return total / count
+def mean_of_extreme(weights: Array, values: Array, share: float, of_largest: bool) -> float:
+    """Return the mean over the share of the cycle with the largest values, or with the smallest.
+
+    The share is exact: of the last sample only a part counts.  A whole number of samples is another share in each
+    cycle, so that the feature steps with rate and speed.
+    """
+    order, total, left = np.argsort(values), 0.0, share
+    for k in range(len(values)):
+        i = order[len(values) - 1 - k] if of_largest else order[k]
+        part = min(left, weights[i])
+        total += part * values[i]
+        left -= part
+        if left <= 0.0:
+            break
+    return total / (share - left)
 
 
 @kernel
@@ -352,23 +359,22 @@ def speed_harmonic(name: str, column: str, order: int, part: Literal["cos", "sin
     return CycleFeature(name, "1", meaning, (column,), of)
 
 
-def _extreme(values: Array, share: float) -> float:
-    """Return the mean of the given share of largest values; of the smallest for a negative share."""
-    count = max(1, round(abs(share) * len(values)))
-    return mean_of_extreme(values, count, share > 0.0)
+def _extreme(channel: SampledChannel, share: float) -> float:
+    """Return the mean over the given share of the cycle with the largest values; with the smallest for a negative."""
+    return mean_of_extreme(channel.weights, channel.values, abs(share), share > 0.0)
 
 
 def upper(name: str, unit: str, column: str, meaning: str, share: float = 0.05) -> CycleFeature:
-    """Return the feature: mean of a channel's largest samples, a maximum with little sensitivity to noise."""
-    return CycleFeature(name, unit, meaning, (column,), lambda c: _extreme(c.channels[column].values, share))
+    """Return the feature: mean of a channel's largest values, a maximum with little sensitivity to noise."""
+    return CycleFeature(name, unit, meaning, (column,), lambda c: _extreme(c.channels[column], share))
 
 
 def swing(name: str, unit: str, column: str, meaning: str, share: float = 0.05) -> CycleFeature:
-    """Return the feature: mean of a channel's largest samples minus that of its smallest."""
+    """Return the feature: mean of a channel's largest values minus that of its smallest."""
 
     def of(cycle: SampledCycle) -> float:
-        values = cycle.channels[column].values
-        return _extreme(values, share) - _extreme(values, -share)
+        channel = cycle.channels[column]
+        return _extreme(channel, share) - _extreme(channel, -share)
 
     return CycleFeature(name, unit, meaning, (column,), of)
 
@@ -378,7 +384,7 @@ def share_above(name: str, column: str, part: float, meaning: str) -> CycleFeatu
 
     def of(cycle: SampledCycle) -> float:
         channel = cycle.channels[column]
-        low, high = _extreme(channel.values, -0.05), _extreme(channel.values, 0.05)
+        low, high = _extreme(channel, -0.05), _extreme(channel, 0.05)
         return weight_above(channel.weights, channel.values, low + part * (high - low))
 
     return CycleFeature(name, "1", meaning, (column,), of)
