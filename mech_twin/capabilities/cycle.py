@@ -91,11 +91,13 @@ def mean_of_extreme(weights: Array, values: Array, share: float, of_largest: boo
 
 @kernel
 def weight_above(weights: Array, values: Array, level: float) -> float:
-    """Return the sum of the weights of the values above a level."""
+    """Return the share of the cycle above a level; from sample to sample, and on to the first, values go straight."""
     total = 0.0
     for i in range(len(values)):
-        if values[i] > level:
-            total += weights[i]
+        before, here = values[i - 1] - level, values[i] - level
+        if before > 0.0 or here > 0.0:
+            part = max(before, here) / abs(here - before) if before * here < 0.0 else 1.0
+            total += 0.5 * (weights[i - 1] + weights[i]) * part
     return total
 
 

@@ -128,7 +128,7 @@ def features(parameters: BreakerParameters) -> CycleFeatures:
             harmonic("torque_cos_1_nm", "N.m", ROTOR, 1, "cos", "motor torque, cosine of the turn"),
             mean("body_mean_rad", "rad", BODY, "mean angle of the body off its collar"),
             upper("lift_rad", "rad", BODY, "largest angle of the body off its collar"),
-            share_above("flight_share", BODY, 0.3, "share of the turn in which the body is up"),
+            share_above("lift_share", BODY, 0.5, "share of the turn in which the body is above half of its lift"),
             harmonic("body_cos_1_rad", "rad", BODY, 1, "cos", "body angle, cosine of the turn"),
             harmonic("body_sin_1_rad", "rad", BODY, 1, "sin", "body angle, sine of the turn"),
             harmonic("body_cos_2_rad", "rad", BODY, 2, "cos", "body angle, cosine of half a turn"),

@@ -92,19 +92,21 @@ def test_each_feature_is_what_it_says() -> None:
         assert vector.values[0] == pytest.approx(2.0 * pi / SPEED, rel=1e-5)
 
 
-def test_an_extreme_has_no_steps_where_its_number_of_samples_changes() -> None:
+def test_extremes_and_shares_have_no_steps_where_a_number_of_samples_changes() -> None:
     """A twentieth of thirty samples is one and a half of them; an effect of speed must not jump there."""
-    means = []
+    features = (upper("upper", "N.m", TORQUE, "x"), swing("swing", "N.m", TORQUE, "x"))
+    features = (*features, share_above("above", TORQUE, 0.5, "x"))
+    scatter, means = [], []
     for samples in (28.7, 29.4, 30.6, 31.4):
         times_s = np.arange(0.0, 200.0, 1.0 / samples)
         channels = {CRANK: (times_s, 2.0 * pi * times_s), TORQUE: (times_s, np.cos(2.0 * pi * times_s - 1.0))}
-        vectors = feed_channels(
-            fresh((upper("upper", "N.m", TORQUE, "x"), swing("swing", "N.m", TORQUE, "x"))), channels
-        )
-        means.append(np.mean([vector.values for vector in vectors], axis=0))
+        values = [vector.values for vector in feed_channels(fresh(features), channels)]
+        means.append(np.mean(values, axis=0))
+        scatter.append(np.std(values, axis=0)[2])
     exact = np.sin(0.05 * pi) / (0.05 * pi)  # the mean of a cosine over its largest twentieth
-    np.testing.assert_allclose(means, np.tile([exact, 2.0 * exact], (4, 1)), rtol=2e-3)
+    np.testing.assert_allclose(means, np.tile([exact, 2.0 * exact, 0.5], (4, 1)), rtol=2e-3)
     np.testing.assert_allclose(np.diff(means, axis=0) / exact, 0.0, atol=5e-4)
+    assert max(scatter) < 0.002  # of a share; a thirtieth by whole samples
 
 
 @pytest.mark.parametrize("begin", [0.0, 1.0, 3.0, -2.0])
