@@ -91,7 +91,7 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription(
         [
             DeclareLaunchArgument(
-                "machine", default_value="mb10_breaker", choices=list(CATALOGUE), description="machine of the catalogue"
+                "machine", default_value="mb10_breaker", description=f"{', '.join(CATALOGUE)}, or the path of a page"
             ),
             DeclareLaunchArgument(
                 "namespace",

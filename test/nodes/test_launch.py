@@ -79,6 +79,16 @@ def test_several_machines_have_namespaces_recordings_and_view_files_apart() -> N
     assert len({rule for request in requests for rule in executables.remappings(request)}) == len(requests)
 
 
+def test_a_page_is_launched_by_its_path_under_its_name() -> None:
+    page = str(ROOT / "config" / "pages" / "spring_hammer.yaml")
+    alone = LaunchRequest(page)
+    assert executables.namespace(alone) == "/spring_hammer"
+    assert [program.name for program in executables.programs(alone)] == ["frames", "motor", "force_analysis", "linkage"]
+    assert executables.parameters(alone)["machine"] == page
+    requests = executables.launch_requests(f"{page},left={page}", "bags")
+    assert [(request.machine, request.namespace) for request in requests] == [(page, "spring_hammer"), (page, "left")]
+
+
 @pytest.mark.parametrize(
     ("machines", "line"),
     [
@@ -220,6 +230,14 @@ class TestLaunch:
         with Launched(installed, "twin.launch.py", *words) as launch:
             assert launch.process.wait(LIMIT_S) == 0, launch.log
             assert not launch.nodes()
+        assert messages(bag) > 3 * 1001
+
+    def test_a_page_is_launched_by_its_path(self, installed: Path) -> None:
+        bag, page = installed / "bag", ROOT / "config" / "pages" / "slider_crank.yaml"
+        with Launched(
+            installed, "twin.launch.py", f"machine:={page}", "pace:=max", "duration:=1", f"record:={bag}"
+        ) as launch:
+            assert launch.process.wait(LIMIT_S) == 0, launch.log
         assert messages(bag) > 3 * 1001
 
     def test_several_machines_end_each_by_itself(self, installed: Path) -> None:

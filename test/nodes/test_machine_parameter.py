@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -13,12 +14,14 @@ import pytest
 import rclpy
 import yaml
 from bench_run import BenchRun
+from catalogue import PAGES
+from command_line import mech_twin
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
 from rclpy.signals import SignalHandlerOptions
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.nodes.exchange.base_node import RunOptions
+from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
 from mech_twin.nodes.roles.answering_nodes import MotorNode
 from mech_twin.nodes.run.composition import _parameter_file
 from mech_twin.nodes.run.executables import machine_of
@@ -53,8 +56,8 @@ def test_the_machine_is_resolved_as_rcl_does(
     files = ["--params-file", str(section(tmp_path, **sections))] if sections else []
     rclpy.init(args=["node", "--ros-args", *files, *arguments], signal_handler_options=SignalHandlerOptions.NO)
     try:
-        with machine_of("motor") as machine:
-            assert machine == expected
+        with machine_of("motor") as found:
+            assert found == (expected, None)
     finally:
         rclpy.try_shutdown()
 
@@ -128,12 +131,63 @@ def test_a_dumped_parameter_file_starts_the_same_node_and_the_engine(tmp_path: P
     assert machine_parameters(DRUM, file) == machine_parameters(DRUM, configuration_file(DRUM))
     rclpy.init(args=["n", "--ros-args", "--params-file", str(file)], signal_handler_options=SignalHandlerOptions.NO)
     try:
-        with machine_of("motor") as machine:
-            node = MotorNode(machine)
+        with machine_of("motor") as (machine, page):
+            node = MotorNode(machine, page)
         assert node.machine.parameters == machine_parameters(DRUM)
         node.destroy_node()
     finally:
         rclpy.try_shutdown()
+
+
+def page_node(*words: str) -> tuple[str, Parameters]:
+    """Return namespace and configuration of a node of a page that is started with these ROS arguments."""
+    rclpy.init(args=["n", "--ros-args", *words], signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        with machine_of("motor") as (machine, page):
+            node = TwinNode("motor", machine, page)
+        found = node.get_namespace(), node.initial_parameters
+        assert node.get_parameter("machine").value == "page"  # and so a dump of its parameters is a whole page
+        node.destroy_node()
+        return found
+    finally:
+        rclpy.try_shutdown()
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_the_path_of_a_page_makes_a_node_of_its_name(page: str) -> None:
+    parameters = machine_parameters(page)
+    assert page_node("-p", f"machine:={page}") == (f"/{parameters.name}", parameters)
+
+
+def test_keys_and_a_namespace_are_laid_over_a_page(tmp_path: Path) -> None:
+    page = next(page for page in PAGES if page.endswith("spring_hammer.yaml"))
+    softer = machine_parameters(page, None, {"springs.spring.rate_n_per_m": 7000.0})
+    told = ["-p", f"machine:={page}", "-p", "springs.spring.rate_n_per_m:=7000.0"]
+    assert page_node(*told) == ("/spring_hammer", softer)
+    assert page_node(*told, "-r", "__ns:=/hall/left") == ("/hall/left", softer)
+    whole = tmp_path / "whole.yaml"
+    whole.write_text(_parameter_file("page", softer, RunOptions()), encoding="utf-8")
+    assert page_node("--params-file", str(whole)) == ("/spring_hammer", softer)
+
+
+def test_the_programs_of_a_page_run_it_by_its_path(tmp_path: Path) -> None:
+    page = tmp_path / "mine.yaml"
+    page.write_text(mech_twin("new", "slider_crank").out, encoding="utf-8")
+    bag, running = tmp_path / "bag", []
+    options = {"machine": page.name, "run.duration_s": 0.1, "run.recorder": "true", "run.exclusive": "false"}
+    ros = ["--ros-args", *(word for name, value in options.items() for word in ("-p", f"{name}:={value}"))]
+    for node, *own in (("recorder", "--directory", str(bag)), ("motor",), ("force",), ("linkage",)):
+        code = f"from mech_twin.nodes.run.executables import {node}_node; {node}_node()"
+        running.append(subprocess.Popen([sys.executable, "-c", code, *own, *ros], cwd=tmp_path))
+    try:
+        assert running[-1].wait(60) == 0
+    finally:
+        for each in running:
+            each.terminate()
+    assert [each.wait(30) for each in running] == [0, 0, 0, 0]
+    judged = json.loads(mech_twin("replay", str(bag), "--resimulate", "--json").out)
+    assert (judged["identical"], judged["steps_compared"]) == (True, 101)
+    assert "/slider_crank/step/linkage" in mech_twin("info", str(bag), "--json").out
 
 
 def started_with(file: Path, machine_name: str) -> Parameters:

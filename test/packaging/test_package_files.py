@@ -50,7 +50,7 @@ def test_launch_file_compiles_and_declares_its_arguments() -> None:
         if any(word.arg == "choices" for word in call.keywords)
     }
     assert declared == {*LaunchRequest._fields, "discovery", "respawn"}
-    assert chosen == {"machine", "pace", "use_sim_time", "discovery", "respawn", "frames"}
+    assert chosen == {"pace", "use_sim_time", "discovery", "respawn", "frames"}
 
 
 def test_launch_file_starts_programs_that_are_installed() -> None:

@@ -37,6 +37,7 @@ from mech_twin.nodes.exchange.peers import new_source
 from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.load import RUN_GROUP, catalogue_entry, validated
 from mech_twin.process.terminal_output import printable
+from mech_twin.roles import own_name
 
 
 class RunOptions(Parameters):
@@ -94,7 +95,7 @@ class TwinNode(Node):
     name : str
         Name of the node.
     machine_name : str
-        Machine of the catalogue, and the namespace.
+        Machine of the catalogue, or ``page``.  The namespace is this name, or the one that stands on the page.
     parameters : Parameters, optional
         Initial configuration; the installed file if absent.  ROS parameter overrides take precedence.
     options : RunOptions, optional
@@ -109,7 +110,8 @@ class TwinNode(Node):
     def __init__(
         self, name: str, machine_name: str, parameters: Parameters | None = None, options: RunOptions | None = None
     ) -> None:
-        super().__init__(name, namespace=f"/{machine_name}")
+        called = machine_name if parameters is None else own_name(machine_name, parameters)
+        super().__init__(name, namespace=f"/{called}")
         origin = f"parameters of node {name}"
         declare_machine(self, machine_name)
         entry = catalogue_entry(machine_name)

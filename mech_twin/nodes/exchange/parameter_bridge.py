@@ -20,7 +20,7 @@ from mech_twin.declarations.configuration_tree import ConfigurationError, tree_f
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.machines.catalog import CATALOGUE, Entry
 from mech_twin.parameters.errors import PURE, Key, keys
-from mech_twin.parameters.load import MACHINE_KEY, PAGE, is_of_ros, machine_parameters, validated
+from mech_twin.parameters.load import MACHINE_KEY, PAGE, is_of_ros, kind_of, machine_parameters, validated
 
 UNBOUNDED = 1.7e308
 SIGNS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
@@ -134,12 +134,12 @@ def declare_machine(node: Node, machine_name: str) -> None:
         If an override names another machine.
     """
     override = machine_override(node)
-    if override is not None and override != machine_name:
+    if override is not None and kind_of(override) != machine_name:
         where = f"parameters of node {node.get_name()}"
         raise ConfigurationError(f"{where}: key '{MACHINE_KEY}', value {override!r}: expected '{machine_name}'")
     described = ParameterDescriptor(name=MACHINE_KEY, description="machine of the catalogue", read_only=True)
     described.additional_constraints = f"one of {', '.join(CATALOGUE)}"
-    node.declare_parameter(MACHINE_KEY, machine_name, described)
+    node.declare_parameter(MACHINE_KEY, machine_name, described, ignore_override=True)  # which may be a page's path
 
 
 def given_parameters(node: Node, entry: Entry) -> Parameters:

@@ -37,7 +37,7 @@ from mech_twin.nodes.run.executables import LaunchRequest, programs
 from mech_twin.nodes.run.name_guard import NameGuard
 from mech_twin.parameters.load import MACHINE_KEY, RUN_GROUP, catalogue_entry
 from mech_twin.process.interruption import EXIT_CODE_BASE, SIGNALS, StopSignal
-from mech_twin.roles import Machine
+from mech_twin.roles import Machine, own_name
 from mech_twin.samples import Frame, Sample, Shape
 from mech_twin.studies.simulation import RunMetrics
 
@@ -64,9 +64,9 @@ def role_nodes(machine_name: str, parameters: Parameters | None, options: RunOpt
     yield LinkageNode(machine_name, parameters, options)
 
 
-def guarded_topics(machine_name: str, namespace: str | None) -> list[str]:
+def guarded_topics(machine_name: str, parameters: Parameters, namespace: str | None) -> list[str]:
     """Return the full names of the topics of a run that exclude other publishers."""
-    full = run_namespace(machine_name, namespace)
+    full = run_namespace(own_name(machine_name, parameters), namespace)
     return [f"{full}/{topic.name}" for topic in run_topics(catalogue_entry(machine_name).has_body)]
 
 
@@ -105,7 +105,7 @@ def run_in_process(
         at_end.callback(rclpy.try_shutdown)
         at_end.callback(destroy_nodes, nodes)
         stack.enter_context(signal.interrupting())
-        topics = guarded_topics(machine_name, namespace)
+        topics = guarded_topics(machine_name, parameters, namespace)
         guard = at_end.enter_context(NameGuard(topics)) if options.exclusive else None
         apart = options.model_copy(update={"viewer": False})  # it receives the frames directly
         roles: list[RoleNode] = []
@@ -246,7 +246,7 @@ def run_processes(
         try:
             with stop.interrupting():
                 if asked.exclusive:
-                    guarding.enter_context(NameGuard(guarded_topics(machine_name, namespace))).check()
+                    guarding.enter_context(NameGuard(guarded_topics(machine_name, parameters, namespace))).check()
                 observer = ObserverNode(machine_name, parameters, options)
             # not earlier: up to here a signal ends the process at once, and the directory would remain
             folder = at_end.enter_context(tempfile.TemporaryDirectory(prefix="mech_twin-"))

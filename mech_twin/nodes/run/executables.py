@@ -30,12 +30,14 @@ from mech_twin.nodes.run.domain import (
     run_namespace,
     settle_domain,
 )
-from mech_twin.parameters.load import MACHINE_KEY, catalogue_entry
+from mech_twin.parameters.load import MACHINE_KEY, PAGE, catalogue_entry, is_page, machine_parameters
 from mech_twin.process.dependencies import lacking, missing_extra
 from mech_twin.process.interruption import StopSignal, end_at_once
 from mech_twin.process.terminal_output import printable
+from mech_twin.roles import own_name
 
 if TYPE_CHECKING:
+    from mech_twin.declarations.quantity import Parameters
     from mech_twin.nodes.exchange.base_node import TwinNode
 
 PACES = ("realtime", "max")
@@ -89,14 +91,25 @@ def programs(request: LaunchRequest) -> list[Program]:
 
 
 def namespace(request: LaunchRequest) -> str:
-    """Return the full namespace of the nodes; ``/MACHINE`` if none is requested.
+    """Return the full namespace of the nodes; that of the machine's name if none is requested.
 
     Raises
     ------
     ConfigurationError
         If it is not a valid ROS namespace.
     """
-    return run_namespace(request.machine, request.namespace or None)
+    return run_namespace(called(request.machine), request.namespace or None)
+
+
+def called(machine: str) -> str:
+    """Return the name of a machine on its topics; of a page, given by its path, the one that stands on it.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is neither a machine of the catalogue nor a page.
+    """
+    return own_name(machine, machine_parameters(machine)) if is_page(machine) else catalogue_entry(machine).name
 
 
 def remappings(request: LaunchRequest) -> list[tuple[str, str]]:
@@ -165,7 +178,8 @@ def launch_requests(machines: str, record: str = "", view: str = "") -> list[Lau
     for word in filter(None, (part.strip() for part in machines.split(","))):
         first, _, second = word.partition("=")
         name = second or first
-        place = run_namespace(catalogue_entry(name).name, first).removeprefix("/")
+        own = called(name)
+        place = run_namespace(own, first if second else own).removeprefix("/")
         if place in requests:
             raise ConfigurationError(f"machines {machines}: namespace {place} stands twice; write NAMESPACE={name}")
         label = place.replace("/", "-")
@@ -190,8 +204,10 @@ EXIT_CODE = 2
 
 
 @contextmanager
-def machine_of(node_name: str) -> Iterator[str]:
-    """Provide the parameter ``machine`` of a node of this name, as rcl resolves it.
+def machine_of(node_name: str) -> Iterator[tuple[str, Parameters | None]]:
+    """Provide the parameter ``machine`` of a node of this name, as rcl resolves it, and of a page its configuration.
+
+    The parameter may be the path of a page; else the parameters of the node are that page.
 
     A parameter file may name the node with its namespace, by default the machine's name.  Hence a temporary node is
     created in the root namespace, then in the namespace of each machine of the catalogue.  These nodes live until the
@@ -200,11 +216,11 @@ def machine_of(node_name: str) -> Iterator[str]:
     Raises
     ------
     ConfigurationError
-        If the parameter is not set, or the catalogue does not contain the machine.
+        If the parameter is not set, or names neither a machine of the catalogue nor a page.
     """
     import rclpy
 
-    from mech_twin.nodes.exchange.parameter_bridge import machine_override
+    from mech_twin.nodes.exchange.parameter_bridge import given_parameters, machine_override
     from mech_twin.nodes.exchange.spinner import destroy_nodes
 
     with ExitStack() as at_end:
@@ -215,11 +231,14 @@ def machine_of(node_name: str) -> Iterator[str]:
             at_end.callback(destroy_nodes, [node])
             override = machine_override(node)
             if override is not None and namespace in ("", override):
-                yield catalogue_entry(override).name
+                entry, page = catalogue_entry(override), None
+                if entry is PAGE:
+                    page = machine_parameters(override) if is_page(override) else given_parameters(node, entry)
+                yield entry.name, page
                 return
     raise ConfigurationError(
-        f"parameters of node {node_name}: key '{MACHINE_KEY}' is not set; expected one of {', '.join(CATALOGUE)} "
-        f"(-p {MACHINE_KEY}:=NAME, or a parameter file)"
+        f"parameters of node {node_name}: key '{MACHINE_KEY}' is not set; expected one of {', '.join(CATALOGUE)}, "
+        f"or the path of a page (-p {MACHINE_KEY}:=NAME, or a parameter file)"
     )
 
 
@@ -237,11 +256,12 @@ def _program(role: str, node_name: str, description: str, option: str = "", usua
         parser.error(f"unknown argument {ros[0]}; ROS arguments come after --ros-args")
 
     def make() -> TwinNode:
-        with machine_of(node_name) as machine:
+        with machine_of(node_name) as (machine, page):
             module, name = role.split(":")
             made = getattr(import_module(f"mech_twin.nodes.roles.{module}"), name)
-            given = [value or usual.format(machine, datetime.now()) for value in vars(own).values()]
-            node: TwinNode = made(machine, *given)
+            called = machine if page is None else own_name(machine, page)
+            given = [value or usual.format(called, datetime.now()) for value in vars(own).values()]
+            node: TwinNode = made(machine, *given, parameters=page)
             return node
 
     try:
