@@ -92,6 +92,26 @@ def test_a_fault_in_a_run_is_found_named_and_sized(plant: Plant, tmp_path: Path)
     assert refused[0] == 2 and "fault 'gone': expected one of " in refused[2] and "first_level" in refused[2]
 
 
+def test_a_kept_baseline_of_a_page_judges_again_wherever_the_page_lies(tmp_path: Path) -> None:
+    """A baseline is of the numbers on a page, not of its path; the shadow of a page knows no path."""
+    page, map_file, table, kept = (tmp_path / name for name in ("own.yaml", "map.yaml", "run.csv", "kept.json"))
+    page.write_text(mech_twin("new", "slider_crank").out, encoding="utf-8")
+    sensor = {"source": {"topic": "sensors", "joint": "motor", "field": "effort"}, "is": "motor.motor.effort"}
+    crank = {"source": {"topic": "sensors", "joint": "crank", "field": "position"}}
+    crank["is"] = f"linkage.{next(iter(yaml.safe_load(page.read_text(encoding='utf-8'))['joints']))}.position"
+    channels = [{**crank, "sigma": 0.001, "rate_hz": 500.0}, {**sensor, "sigma": 0.3, "rate_hz": 500.0}]
+    map_file.write_text(yaml.safe_dump({"machine": "page", "channels": channels}), encoding="utf-8")
+    assert not mech_twin("simulate", page, "--duration", 20, "--sensors", map_file, "--table", table, "--json").code
+    words = (table, "--map", map_file, "--baseline")
+    first = mech_twin("monitor", page, *words, table, "--arl0", 1.0, "--save-baseline", kept, "--json")
+    moved = copyfile(page, tmp_path / "moved.yaml")
+    again = mech_twin("monitor", moved, *words, kept, "--json")
+    assert first.code == again.code == 0, again.err
+    assert json.loads(again.out)["runs"] == json.loads(first.out)["runs"]
+    unmapped = mech_twin("shadow", page, "--from", "plant", "--monitor", kept)  # refused later than another machine's
+    assert unmapped.code == 2 and "kept.json: made with another map" in unmapped.err
+
+
 def test_a_fleet_is_ranked_each_machine_by_its_own_baseline_and_its_sisters(
     plant: Plant, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -23,6 +23,7 @@ from mech_twin.capabilities.cycle import Array
 from mech_twin.capabilities.faults import MachineFault
 from mech_twin.errors import MotionError, StudyError
 from mech_twin.measurements.units import is_event, machine_columns
+from mech_twin.parameters.load import kind_of
 from mech_twin.studies.monitoring.baseline import RIDGE, SMALLEST_SPREAD, Baseline, fitted_baseline
 from mech_twin.studies.monitoring.charts import ChartLimits, chart_limits, siegmund_run_length
 from mech_twin.studies.monitoring.cycle_features import FeatureVector, available_features
@@ -269,7 +270,7 @@ def setup_for_cycles(
     if surface is not None:
         signatures = tuple(map(surface.reduced_signature, signatures))
     return MonitorSetup(
-        monitored.name,
+        kind_of(monitored.name),
         baseline,
         limits,
         signatures,
