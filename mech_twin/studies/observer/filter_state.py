@@ -337,7 +337,10 @@ class SaltedFilter:
         covariance = rest @ state.covariance @ rest.T - crossing - crossing.T + gain @ alone @ gain.T
         with_keys = rest @ state.with_keys - gain @ d
         moved = self._moved(state, gain @ innovations[used], 0.5 * (covariance + covariance.T), with_keys)
-        later, rows = self._stepped(moved, target, self._begun(moved)[None, :], 0.0)
+        try:
+            later, rows = self._stepped(moved, target, self._begun(moved)[None, :], 0.0)
+        except MotionError:  # moved away from where a contact or friction holds it: no step of the machine begins there
+            return Correction(state, prediction, innovations, np.sqrt(own), used)
         again = Prediction(rows[0], prediction.slopes, self._bank.events(later.events))
         return Correction(moved, again, innovations, np.sqrt(own), used)
 

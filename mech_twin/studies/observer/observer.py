@@ -122,24 +122,25 @@ class PhaseLockedObserver:
             self._not_newer(sample, newest)
             return None
         self._newest_s[sample.channels] = sample.time_s
-        if self._base is None:
-            return self._search(sample)
+        try:
+            return self._search(sample) if self._base is None else self._follow(self._base, sample)
+        except MotionError:  # also of the step in which it locks on
+            self._lose()
+            return None
+
+    def _follow(self, base: FilterState, sample: SeenSample) -> FrameEstimate | None:
         step = int(np.ceil((sample.time_s - self._origin_s) / self.step_s - ON_STEP))  # at or after the sample
-        steps = step - self._base.step - 1
-        if steps < 0 and self._origin_s + self._base.step * self.step_s - sample.time_s > LATE_STEPS * self.step_s:
+        steps = step - base.step - 1
+        if steps < 0 and self._origin_s + base.step * self.step_s - sample.time_s > LATE_STEPS * self.step_s:
             self.counts["late"] += 1
             return None
         if steps * self.step_s > LONGEST_GAP_S:
             self.counts["jump"] += 1
             self._forget()
             return self._search(sample)
-        try:
-            for _ in range(steps):
-                self._advance()
-            return self._estimate(sample)
-        except MotionError:
-            self._lose()
-            return None
+        for _ in range(steps):
+            self._advance()
+        return self._estimate(sample)
 
     def _with_sigma(self, channel: SensedChannel) -> SensedChannel:
         """Return a channel with known noise; if unknown, a small share of the column's range is assumed."""
