@@ -14,7 +14,7 @@ from mech_twin.engine.run import frames
 from mech_twin.messages.topics import full_name, step_topics
 from mech_twin.nodes.roles.viewer_node import DECODERS
 from mech_twin.recording.bag_reader import BagReader
-from mech_twin.roles import Machine
+from mech_twin.roles import Machine, own_name
 from mech_twin.samples import Frame
 
 PARTS = {f"step/{part}": part for part in Frame._fields}
@@ -34,7 +34,7 @@ def recorded_samples(name: str, bag: Path) -> dict[str, list[Any]]:
 def assert_equal_engine(bag: Path, machine: Machine, duration_s: float) -> None:
     """Compare every sample of a recording with the engine's, bit by bit; no step is missing."""
     expected = list(frames(machine, duration_s))
-    for topic, samples in recorded_samples(machine.name, bag).items():
+    for topic, samples in recorded_samples(own_name(machine.name, machine.parameters), bag).items():
         assert sorted({sample.step for sample in samples}) == list(range(len(expected))), topic
         for sample in samples:  # one that was asked again, when the machine stalled, stands there twice
             assert sample == getattr(expected[sample.step], PARTS[topic]), topic

@@ -24,6 +24,7 @@ from mech_twin.nodes.run.composition import run_in_process
 from mech_twin.parameters.load import machine
 from mech_twin.recording.bag_reader import BagReader
 from mech_twin.recording.frame_recorder import FrameRecorder
+from mech_twin.roles import own_name
 from mech_twin.samples import Frame
 
 NAME = "mb10_breaker"
@@ -40,16 +41,17 @@ def blow_topics(space: str) -> list[str]:
 @pytest.mark.parametrize(("name", "settings"), CASES, ids=["breaker", "page"])
 def test_topics_equal_engine_to_the_bit(ros_domain: int, tmp_path: Path, name: str, settings: dict[str, Any]) -> None:
     built = machine(name, None, settings)
+    space = own_name(built.name, built.parameters)
     options = RunOptions(pace="max", duration_s=0.4, recorder=True, exclusive=False)
     run_in_process(built.name, built.parameters, options, tmp_path / "bag", None)
     assert_equal_engine(tmp_path / "bag", built, 0.4)
     assert built.gauge is not None
     told = blows(list(frames(built, 0.4)), built.gauge)
     assert told[0]
-    assert recorded_blows(tmp_path / "bag", built.name) == told
+    assert recorded_blows(tmp_path / "bag", space) == told
     with ReplayBench(tmp_path / "bag") as bench:
         bench.to_the_end()
-        for topic_name in blow_topics(built.name):
+        for topic_name in blow_topics(space):
             entries = [e.raw for e in entries_of(tmp_path / "bag") if e.topic == topic_name]
             assert bench.of(topic_name) == entries
 
