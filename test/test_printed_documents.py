@@ -133,6 +133,7 @@ def plant(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ros_domain: int) -> P
     return tmp_path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", [pytest.param(case, marks=SLOW) if case in LONG else case for case in WORDS])
 def test_what_a_verb_prints_as_json_is_an_object_in_python(case: str, plant: Path) -> None:
     ended = (in_a_process if case in ("run", "shadow") else mech_twin)(*WORDS[case], "--json")

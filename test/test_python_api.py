@@ -97,6 +97,7 @@ def test_units_are_those_the_names_end_in():
     assert unit_of("rated_slip") == ""
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=20)
 @given(st.lists(st.floats(allow_nan=False), min_size=1, max_size=20))
 def test_tables_hold_the_same_bits(values):
@@ -108,6 +109,7 @@ def test_tables_hold_the_same_bits(values):
     assert frame.attrs["units"]["force_n"] == "N"
 
 
+@pytest.mark.slow
 def test_a_picture_has_one_unit_in_a_panel():
     run = mt.simulate("compaction_press", 0.05)
     figure = run.plot("forces.drive_torque_nm", "linkage.crank.velocity", "motor.motor.velocity")
@@ -182,6 +184,7 @@ def test_sizes_and_published_rows_are_those_of_the_studies():
         mt.reproduce(settings={"motor.rated_speed_rpm": 900.0})
 
 
+@pytest.mark.slow
 def test_the_examples_of_the_documentation_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     root = Path(__file__).parents[1]

@@ -94,6 +94,7 @@ def test_the_draws_reach_every_key_and_are_refused_at_times(name: str) -> None:
     assert sum(len(draw.refused) for draw in draws) > 12
 
 
+@pytest.mark.slow
 @machines
 def test_a_draw_is_the_same_each_time(name: str) -> None:
     drawn = Draw(name, SEED, 3).parameters

@@ -24,6 +24,7 @@ def changed(tmp_path: Path) -> Path:
     return file
 
 
+@pytest.mark.slow
 def test_a_machine_equals_itself_and_a_changed_one_is_named_by_key_and_numbers(changed, tmp_path):
     assert mech_twin("compare", "compaction_press", CONFIG / "compaction_press.yaml", "--duration", 0.2).code == 0
     picture = tmp_path / "apart.svg"
@@ -43,6 +44,7 @@ def test_a_machine_equals_itself_and_a_changed_one_is_named_by_key_and_numbers(c
     assert "--force" in again.err
 
 
+@pytest.mark.slow
 def test_a_recording_equals_the_configuration_it_was_made_with(ros_domain, tmp_path):
     bag = tmp_path / "bag"
     assert mech_twin("simulate", "compaction_press", "--duration", "0.3", "--bag", bag).code == 0
@@ -51,6 +53,7 @@ def test_a_recording_equals_the_configuration_it_was_made_with(ros_domain, tmp_p
     assert "within a tolerance of 0" in found.out
 
 
+@pytest.mark.slow
 def test_another_length_of_the_run_is_said(tmp_path):
     bag = tmp_path / "bag"
     assert mech_twin("simulate", "compaction_press", "--duration", "0.3", "--bag", bag).code == 0
@@ -61,6 +64,7 @@ def test_another_length_of_the_run_is_said(tmp_path):
     assert "A begins at 0.2 s, B at 0 s: numbers of the whole run differ by that alone" in told
 
 
+@pytest.mark.slow
 def test_numbers_that_begin_anew_after_a_gap_are_said_to(tmp_path):
     bag = tmp_path / "bag"
     assert mech_twin("simulate", "compaction_press", "--duration", "0.4", "--bag", bag).code == 0

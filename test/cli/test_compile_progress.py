@@ -42,6 +42,7 @@ main()
 """
 
 
+@pytest.mark.slow
 def test_each_compilation_is_counted() -> None:
     subprocess.run([sys.executable, "-c", COMPILING_FOR_REAL], check=True, timeout=250)
 

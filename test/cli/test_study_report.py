@@ -22,6 +22,7 @@ def cells(html: str, title: str) -> list[list[str]]:
     return [[unescape(cell) for cell in re.findall(r"<t[hd]>(.*?)</t[hd]>", row)] for row in rows]
 
 
+@pytest.mark.slow
 def test_a_sweep_is_reported_with_its_settings_points_picture_and_versions(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     words = ("--over", "masses.extra_kg=4:8:3", "--set", "masses.boom_kg=30", "--out", "s.csv", "--report", "s.html")

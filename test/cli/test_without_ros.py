@@ -55,6 +55,7 @@ for words in {verbs!r}:
 """
 
 
+@pytest.mark.slow
 def test_verbs_without_topics_need_no_ros(tmp_path: Path) -> None:
     done = ended(EACH.format(verbs=VERBS), tmp_path)
     endings = [line for line in done.stdout.splitlines() if line.startswith("ended ")]

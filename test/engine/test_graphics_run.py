@@ -95,6 +95,7 @@ def test_what_a_graphics_processor_cannot_run_is_refused_in_one_line(
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.slow
 def test_without_a_graphics_processor_one_line_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "-1")  # where there is one, it is not to be seen
     with pytest.raises(StudyError) as refused:

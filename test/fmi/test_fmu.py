@@ -198,6 +198,7 @@ def _held(rows: np.ndarray) -> np.ndarray:
     return np.sort(np.concatenate([rows, before]), order="time")
 
 
+@pytest.mark.slow
 def test_a_state_given_back_goes_on_with_the_same_bits_and_only_in_its_unit(unit: Any, tmp_path: Path) -> None:
     with Slave(unit("impact_mass", 2)) as slave:
         slave.begin()
@@ -365,6 +366,7 @@ def test_a_step_that_was_compiled_once_serves_other_numbers_and_no_other_structu
     assert code_of({"coupling.step_s": 0.002}).object_file(LINUX.triple) != first
 
 
+@pytest.mark.slow
 def test_a_unit_of_measurement_is_described_by_its_powers_or_not_at_all() -> None:
     torque, inertia = {"kg": 1, "m": 2, "s": -2}, {"kg": 1, "m": 2}
     assert base_unit("N.m") == base_unit("N m") == (torque, 1.0)

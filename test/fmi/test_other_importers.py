@@ -52,6 +52,7 @@ def impacts(run: Any) -> np.ndarray:
     return found[1:]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("changed", [False, True])
 def test_libcosim_reads_every_number_and_impact_of_a_run_to_the_bit(unit: Any, changed: bool) -> None:
     given = {"phase1_force_n": 900.0}

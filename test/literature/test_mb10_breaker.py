@@ -43,6 +43,7 @@ BODY_HELD = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BODY_HELD)
 def test_body_held(name):
     assert rounds_to(metrics(5.0, excitation__kind="approximated")[f"steady_{name}"], BODY_HELD[name])

@@ -284,6 +284,7 @@ def test_a_speed_of_the_wrong_sign_is_named(motion: dict[str, Array], turn: Mode
     )
 
 
+@pytest.mark.slow
 @settings(max_examples=15)
 @given(st.floats(-6.0, 6.0), st.sampled_from([1, -1]), st.floats(0.2, 3.0))
 def test_zero_sign_and_scale_are_found_by_correlation(zero: float, sign: int, scale: float) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
 from geometry_msgs.msg import Point, Pose, Quaternion, TransformStamped, Vector3, Vector3Stamped, WrenchStamped
 from hypothesis import given
 from hypothesis import strategies as st
@@ -47,6 +48,7 @@ def read(raw: bytes, kind: Any) -> Any:
     return message
 
 
+@pytest.mark.slow
 @given(time, frame, st.tuples(*[number] * 3))
 def test_a_wrench_reads_as_its_frame_and_numbers(time_s: float, name: str, numbers: tuple[float, ...]) -> None:
     expected = WrenchStamped()
@@ -84,6 +86,7 @@ def test_a_transform_reads_as_its_frames_and_numbers(
     assert (found.header.stamp.sec, found.header.stamp.nanosec) == tuple(stamp_of(time_s))
 
 
+@pytest.mark.slow
 @given(time, frame, st.lists(shape, max_size=5).map(tuple))
 def test_a_drawing_reads_as_its_markers(time_s: float, name: str, shapes: tuple[Shape, ...]) -> None:
     found = read(scene.to_bytes(Drawing(0, time_s, shapes), name), MarkerArray)

@@ -79,6 +79,7 @@ def test_what_is_read_is_what_the_converter_wrote(first, second):
         assert content(received_message(encoded(told(message)))) == content(message)
 
 
+@pytest.mark.slow
 @given(message=messages(), twice=st.integers(0, 2))
 def test_columns_of_other_lengths_are_read_too(message, twice):
     column = ("position", "velocity", "effort")[twice]

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -35,6 +36,7 @@ def test_both_sides_of_every_impact_go_out(length: int, steps: list[tuple[float,
     assert set(struck) | {i - 1 for i in struck if i > 0} <= set(sent(length, steps))
 
 
+@pytest.mark.slow
 @given(st.integers(1, 12), STEPS)
 def test_the_greatest_of_each_window_goes_out(length: int, steps: list[tuple[float, bool]]) -> None:
     out = sent(length, steps)
@@ -59,6 +61,7 @@ def test_a_window_is_the_step_over_the_rate() -> None:
     assert steps_per_window(100.0, 2e-4) == 50
 
 
+@pytest.mark.slow
 @given(st.lists(st.floats(0.0, 1e6), min_size=1), st.integers(1, 12))
 def test_of_each_window_the_greatest_survives(values: list[float], length: int) -> None:
     window = PeakHoldWindow[float](length)

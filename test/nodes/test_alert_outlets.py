@@ -209,6 +209,7 @@ def test_a_broker_keeps_the_newest_of_each_fault_and_loses_it_when_the_fault_is_
         outlet.close()
 
 
+@pytest.mark.slow
 def test_a_fault_that_an_earlier_shadow_left_at_the_broker_goes_with_the_first_word_of_the_next(broker: int) -> None:
     first, other = (MqttOutlet(f"127.0.0.1:{broker}", name) for name in ("mb10_breaker", "another"))
     first.send(alerts(ACTIVE))
@@ -223,6 +224,7 @@ def test_a_fault_that_an_earlier_shadow_left_at_the_broker_goes_with_the_first_w
         other.close()
 
 
+@pytest.mark.slow
 def test_a_broker_that_comes_back_empty_is_told_again(tmp_path: Path, port: int) -> None:
     with mosquitto(tmp_path, port):
         outlet = MqttOutlet(f"127.0.0.1:{port}", "mb10_breaker")
@@ -234,6 +236,7 @@ def test_a_broker_that_comes_back_empty_is_told_again(tmp_path: Path, port: int)
         outlet.close()
 
 
+@pytest.mark.slow
 def test_of_what_happens_while_a_broker_is_away_it_hears_the_newest_alone(tmp_path: Path, port: int) -> None:
     outlet = MqttOutlet(f"127.0.0.1:{port}", "mb10_breaker")
     for life in (FaultLife("spring_soft", "pending", 9.0), ACTIVE, acknowledged(ACTIVE, 11.0)):

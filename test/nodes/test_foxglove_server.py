@@ -159,12 +159,14 @@ def test_a_server_outlives_a_question_to_a_machine_that_is_not_there_yet():
             with_client(port, asked_later)
 
 
+@pytest.mark.slow
 def test_a_server_tells_that_no_machine_runs():
     with ended("foxglove", "nonsense", "--port", "0", stderr=subprocess.PIPE) as server, server.stderr:
         lines = [server.stderr.readline() for _ in range(2)]
     assert "no node in /nonsense yet; does the machine run?" in lines[1]
 
 
+@pytest.mark.slow
 def test_a_client_sees_topics_parameters_and_services_and_changes_the_machine():
     async def talk(client):
         raw = await client.look_at(f"/{CRANK}/joint_states")

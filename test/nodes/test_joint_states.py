@@ -99,6 +99,7 @@ def test_a_slow_stream_has_the_samples_on_both_sides_of_every_impact(name: str, 
         assert len(steps) < 650
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_a_run_and_a_simulation_record_the_same_joint_states(name: str, tmp_path: Path) -> None:
     options = RunOptions(pace="max", duration_s=RUN_S, recorder=True, exclusive=False)

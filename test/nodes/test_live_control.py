@@ -87,6 +87,7 @@ def test_reset_begins_anew_while_time_goes_on() -> None:
             assert again.step == run.samples[at].step + offset
 
 
+@pytest.mark.slow
 def test_a_pause_takes_no_step_and_leaves_the_run_as_it_would_have_been() -> None:
     with BenchRun(CRANK) as run:
         run.steps(20)

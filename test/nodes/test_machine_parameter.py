@@ -72,6 +72,7 @@ def test_no_machine_or_none_of_the_catalogue_is_refused_in_words(told: list[str]
         rclpy.try_shutdown()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("node", "told", "words"),
     [

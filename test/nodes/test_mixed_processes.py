@@ -179,6 +179,7 @@ def test_a_recorder_that_stalls_before_its_end_records_what_waits_for_it(heard: 
     check_recording(tmp_path / "bag")
 
 
+@pytest.mark.slow
 def test_steps_that_a_recorder_has_not_taken_outlast_the_nodes_that_sent_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -292,6 +293,7 @@ class UsersNode:
         self._client.destroy_publisher(self._out)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("role", ["motor", "force_analysis", "body"])
 def test_a_users_node_may_take_a_place_and_leave_it(role: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with MixedRun(tmp_path, recorder="here") as run:

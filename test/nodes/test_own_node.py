@@ -78,6 +78,7 @@ def test_a_node_of_ones_own_is_short_and_needs_nothing_of_ours(program: str) -> 
     assert imported == {"rclpy", "rclpy.signals", "sensor_msgs.msg", "signal"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("program", REPLACED)
 def test_a_node_of_ones_own_takes_the_place_of_ours(program: str, tmp_path: Path) -> None:
     name, role, topic = REPLACED[program]
@@ -98,6 +99,7 @@ def test_a_node_of_ones_own_takes_the_place_of_ours(program: str, tmp_path: Path
         assert (process.communicate(timeout=20)[1], process.returncode) == (b"", 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])
 @pytest.mark.parametrize("program", REPLACED)
 def test_a_signal_in_the_midst_of_an_answer_ends_a_node_of_ones_own_quietly(

@@ -11,6 +11,7 @@ pytestmark = pytest.mark.usefixtures("ros_domain")
 SCHEDULES, SEEDS = 40, 10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "seed"), [*((NAME, seed) for seed in range(SEEDS)), ("winding_drum", 0)])
 def test_every_schedule_gives_the_engines_bits(name: str, seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     assert run_schedules(seed, SCHEDULES, monkeypatch, name) >= SCHEDULES * STEPS - 1

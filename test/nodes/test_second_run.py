@@ -206,6 +206,7 @@ def test_of_several_names_claimed_at_one_instant_the_first_is_kept_as_long_as_it
         after.check()
 
 
+@pytest.mark.slow
 def test_on_one_host_a_name_is_known_to_be_taken_at_once_and_is_free_when_its_owner_is_killed(ros: None) -> None:
     code = (
         "import rclpy, time; from mech_twin.nodes.run.name_guard import NameGuard; rclpy.init(args=[]); "

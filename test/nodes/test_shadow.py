@@ -209,6 +209,7 @@ def test_a_page_whose_times_are_not_of_the_machines_clock_tells_where_they_begin
     assert len(shown_cards(state, StampOrigin())) == 2
 
 
+@pytest.mark.slow
 def test_silence_is_said_and_estimates_are_held_with_growing_sigma() -> None:
     with FollowedMachine(silence_s=0.4) as bench:
         sigma = bench.listen(full_name(NAME, sigma_of(ESTIMATED)), JointState)

@@ -74,6 +74,7 @@ def served(spinner: Spinner, for_s: float) -> int:
     return sys.getallocatedblocks()
 
 
+@pytest.mark.slow
 def test_serving_holds_no_more_memory_the_longer_it_lasts(node: Idle | Paced) -> None:
     with Spinner([node]) as spinner:
         held = [served(spinner, WARM_S)]
@@ -91,6 +92,7 @@ def test_serving_ends_soon_after_the_run(node: Idle | Paced) -> None:
     assert time.monotonic() - begun_s < WARM_S + 10.0 * SLICE_S + 0.2
 
 
+@pytest.mark.slow
 def test_serving_ends_where_messages_come_faster_than_they_are_served(ros: None) -> None:
     """Each message takes 5 ms, so those after the end are at most 2 s of serving; some 5000 wait in the queue."""
     node, late = Node("slow"), 0

@@ -71,6 +71,7 @@ def test_an_order_that_there_is_not_is_refused_with_those_that_there_are(ros_dom
     assert "expected KEY=VALUE ..., or one of start, stop, reset" in found.stderr
 
 
+@pytest.mark.slow
 def test_a_page_is_told_by_its_path_and_no_other_text_is_a_namespace(ros_domain, tmp_path):
     page = tmp_path / "fall.yaml"
     page.write_text(
@@ -99,6 +100,7 @@ rclpy.spin(node)
 """
 
 
+@pytest.mark.slow
 def test_a_pause_that_is_ordered_before_the_machine_is_found_is_carried_out(ros_domain):
     """The page of a machine that begins on a busy computer shows it seconds before its services are found."""
     orders = Orders("vibration_crank", lambda name, value: None, lambda is_paused: None)

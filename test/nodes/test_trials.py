@@ -65,6 +65,7 @@ def test_a_trial_goes_on_with_an_effort_that_is_commanded():
     assert np.all(torque_nm == effort.effort)
 
 
+@pytest.mark.slow
 def test_a_trial_of_a_value_the_machine_refuses_is_refused_in_its_words():
     machine = load("mb10_breaker")
 

@@ -92,6 +92,7 @@ def test_the_machine_runs_on_a_motor_of_somebodys_own(my_package: Any, ros_domai
     assert found["step/linkage"] != [frame.linkage for frame in frames(built(NAME), RUN_S)]
 
 
+@pytest.mark.slow
 def test_a_recording_names_the_motor_of_somebodys_own_beside_the_difference(
     my_package: Any, ros_domain: int, tmp_path: Path
 ) -> None:

@@ -33,6 +33,7 @@ def drawn(time_s: float) -> MarkerArray:
     return message
 
 
+@pytest.mark.slow
 def test_pictures_are_shown_for_as_long_as_the_run_goes_on(viewer: ViewerNode) -> None:
     for frame in frames(machine(DRUM, overrides={"coupling.step_s": 0.1}), 30.0):
         viewer.show(frame)

@@ -38,6 +38,7 @@ def blow_topics(space: str) -> list[str]:
     return [full_name(space, topic) for topic in (BLOW_GAUGE, BLOW_WAVE)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "settings"), CASES, ids=["breaker", "page"])
 def test_topics_equal_engine_to_the_bit(ros_domain: int, tmp_path: Path, name: str, settings: dict[str, Any]) -> None:
     built = machine(name, None, settings)

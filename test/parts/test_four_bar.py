@@ -151,6 +151,7 @@ def test_a_crank_pin_that_meets_the_pivot_is_refused():
     assert "must not meet" in failing_inequality(bar)
 
 
+@pytest.mark.slow
 @given(bars)
 @settings(max_examples=60, deadline=None)
 def test_no_position_of_a_turn_has_a_smaller_transmission_angle_and_one_has_this(bar):

@@ -51,6 +51,7 @@ def test_a_bag_of_before_the_step_topics_gives_the_same_samples(frames: list[Fra
         assert not samples.unused
 
 
+@pytest.mark.slow
 def test_a_run_in_the_root_namespace_reads_and_shows_as_any(frames: list[Frame], tmp_path: Path) -> None:
     at_root = tmp_path / "root"
     altered_bag(

@@ -213,6 +213,7 @@ def test_the_files_are_the_published_ones(files: dict[Path, list[McapRecord]]) -
     assert hashlib.sha256("".join(sums).encode()).hexdigest() == PUBLISHED
 
 
+@pytest.mark.slow
 def test_every_file_is_read_and_salvaged_whole(files: dict[Path, list[McapRecord]], tmp_path: Path) -> None:
     for path, records in files.items():
         messages = [record for record in records if isinstance(record, Message)]

@@ -100,6 +100,7 @@ def test_cut_at_every_byte_of_the_last_two_chunks(tmp_path: Path) -> None:
     assert per_chunk[len(sound.chunks)] == len(sound.messages)
 
 
+@pytest.mark.slow
 def test_cut_anywhere(sound: Sound, tmp_path: Path) -> None:
     source = random.Random(1)
     for size in [0, 1, 8, 9, 17, *source.sample(range(len(sound.data)), 60)]:

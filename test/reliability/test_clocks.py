@@ -42,6 +42,7 @@ def wall_clock_reads(file: Path) -> list[str]:
     ]
 
 
+@pytest.mark.slow
 def test_no_node_and_no_physics_reads_the_wall_clock() -> None:
     root = Path(mech_twin.__file__).parent
     rooms = [root / "nodes", root / "messages", *(root / room for room in PURE)]
@@ -161,6 +162,7 @@ def strangers_on(run: BenchRun, joint_states: Topic) -> None:
         run.steps(30)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("ros_domain")
 @pytest.mark.parametrize("topic", [STEP_LINKAGE, STEP_MOTOR, JOINT_STATES], ids=lambda topic: topic.name)
 def test_no_strangers_stamp_rules_time_splits_or_gaps_of_a_recording(topic: Topic, tmp_path: Path) -> None:

@@ -175,6 +175,7 @@ def window_reports(run: BenchRun, role: str) -> list[str]:
     return messages
 
 
+@pytest.mark.slow
 def test_a_fault_is_reported_once_a_window_with_its_number() -> None:
     with BenchRun(DRUM) as run:
         run.steps(20)

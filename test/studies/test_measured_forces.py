@@ -198,6 +198,7 @@ def test_a_second_encoder_is_compared_but_for_whole_turns() -> None:
     assert far.rms == pytest.approx(1.0, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_sensor_that_stands_still_is_off_by_its_whole_size() -> None:
     run = run_of(0.0)
     spec = Channel.model_validate(
@@ -211,6 +212,7 @@ def test_a_sensor_that_stands_still_is_off_by_its_whole_size() -> None:
         assert np.isfinite([found.rms, found.correlation]).all()
 
 
+@pytest.mark.slow
 def test_the_size_of_a_speed_is_that_above_standstill_and_of_a_position_that_of_its_motion() -> None:
     run = run_of(0.0)
     times, slider = run.channels[0].times_s, run.channels[-1]

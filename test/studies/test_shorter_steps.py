@@ -197,6 +197,7 @@ def test_a_design_found_by_runs_is_told_in_digits_that_a_third_step_has_too() ->
     assert low <= third.numbers["shaft_force_max_n"] <= high
 
 
+@pytest.mark.slow
 def test_a_design_of_a_number_of_the_configuration_has_no_run_to_check() -> None:
     found = search_runs("winding_drum", "package_mass_kg", {"package_radius_m": (0.1, 0.2)}, cores=1)
     assert found.in_shorter_steps is None

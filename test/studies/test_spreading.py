@@ -13,9 +13,12 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from pathlib import Path
 
+import pytest
+
 from mech_twin.studies.spreading import NICE, BesideProcess, spread
 
 
+@pytest.mark.slow
 def test_no_thread_that_holds_semaphores_outlives_the_last_result() -> None:
     """A command ends right after its results; what such a thread held would be called leaked on the terminal."""
     for _ in range(3):

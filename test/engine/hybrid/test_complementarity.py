@@ -65,6 +65,7 @@ def test_forces_are_those_of_the_one_combination_that_meets_every_condition(seed
     assert np.all((force > low) | (a >= -1e-7 * (1.0 + np.abs(a).max())))
 
 
+@pytest.mark.slow
 def test_of_two_stops_on_one_body_the_first_declared_carries_the_load():
     matrix, free = np.ones((2, 2)), np.array([-7.0, -7.0])
     answer, force, a, _ = solve(matrix, free, np.zeros(2), np.full(2, math.inf), [HOLD, HOLD])

@@ -27,6 +27,7 @@ def of_kind(rows, kind):
     return rows[rows[:, KIND] == kind]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("steps", [1, 7, 40])
 def test_a_bouncing_ball_strikes_at_the_times_of_the_closed_form_and_rests_at_their_limit(steps):
     e, height, mass = 0.5, 1.0, 2.0

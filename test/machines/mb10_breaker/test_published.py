@@ -37,6 +37,7 @@ def test_a_row_fails_where_the_machine_is_another(key, value, quantity):
     assert quantity in failed
 
 
+@pytest.mark.slow
 def test_published_values_are_numbers_of_their_own():
     """A change of the configuration changes what is computed, never what is published."""
     other = varied(PARAMETERS, {"motor.starting_torque_ratio": 1.9, "excitation.amplitude_nm": 55.0})

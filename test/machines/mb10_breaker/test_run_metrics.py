@@ -39,6 +39,7 @@ def together():
     return observed(5.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("preload_m", [0.0483, 0.0193, 0.0868])
 def test_under_the_half_sine_the_body_is_cut_into_its_own_cycles(preload_m):
     """The observer sees steps and events; the chain of pieces, walked without a run, has the same cycle."""
@@ -66,6 +67,7 @@ def test_without_a_collar_there_is_no_contact():
     assert found["steady_contact_share"] == 0.0
 
 
+@pytest.mark.slow
 def test_mean_power_is_what_the_blows_and_the_losses_take(together):
     """Over a cycle that repeats the motor's work is that of wall, blow and collar, and of the gear."""
     _, taken, found = together
@@ -77,6 +79,7 @@ def test_mean_power_is_what_the_blows_and_the_losses_take(together):
     assert found["steady_motor_power_w"] == pytest.approx(at_crank / 0.97, rel=0.02)
 
 
+@pytest.mark.slow
 def test_figures_of_a_blow_are_of_the_blows_that_hit_and_their_rate_counts_no_miss():
     twin, taken, found = observed(6.0, **{"body.preload_deflection_m": 0.002, "tool.wall_force_n": 0.0})
     events = [event for frame in taken for event in frame.linkage.events if event.kind in {"blow", "missed"}]
@@ -111,6 +114,7 @@ def test_means_of_the_motor_do_not_depend_on_the_step_while_the_supply_rises():
         assert coarse[f"steady_{name}"] == pytest.approx(fine[f"steady_{name}"], rel=1e-5)
 
 
+@pytest.mark.slow
 def test_a_commanded_effort_is_the_mean_torque_and_heats_no_rotor():
     twin = machine("mb10_breaker")
     observer = twin.observer()

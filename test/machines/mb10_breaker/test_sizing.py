@@ -129,6 +129,7 @@ def test_no_preload_beside_the_gentlest_is_gentler():
         assert other.return_speed_m_per_s >= found.metrics["return_speed_m_per_s"]
 
 
+@pytest.mark.slow
 def test_on_crust_over_rock_every_blow_is_seated_and_the_feed_is_that_of_rock():
     """As `config/breaker_on_crust.yaml` says; the preload of the yielding wall does not hold that machine."""
     parameters = machine_parameters("mb10_breaker", configuration_file("breaker_on_crust"))

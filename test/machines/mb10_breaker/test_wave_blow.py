@@ -278,6 +278,7 @@ def test_a_tool_that_cannot_be_led_is_refused_in_one_line(overrides, message):
     assert "\n" not in str(told.value)
 
 
+@pytest.mark.slow
 def test_less_pressing_force_fires_the_tool_blank():
     """Springs that do not hold the body on its collar leave the tool off the wall, which then gets less of a blow."""
     p = built({}).parameters

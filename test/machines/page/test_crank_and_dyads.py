@@ -121,6 +121,7 @@ def sized_at(speed_rpm):
     return sizing(turned, {"non_uniformity": 0.05}, "flywheel_inertia_kg_m2", dict).metrics["flywheel_inertia_kg_m2"]
 
 
+@pytest.mark.slow
 def test_a_flywheel_against_inertia_alone_is_the_same_at_any_speed():
     usual = sized_at(300.0)
     for speed_rpm in (0.017, 17000.0, 60000.0):

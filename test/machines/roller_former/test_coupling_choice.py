@@ -30,6 +30,7 @@ def test_the_coupling_moment_falls_with_damping_most_of_it_before_8000(carts):
     assert most[0] - most[-2] > 0.8 * (most[0] - most[-1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("carts", STUDIED)
 def test_the_published_stiffness_is_no_unique_minimum(carts):
     parameters = parameters_for(carts)

@@ -60,6 +60,7 @@ def test_a_rectangular_wave_gives_a_linear_wall_its_share(x: float) -> None:
     assert first_pass_efficiency(x, 1000) == pytest.approx(2.0 * (1.0 - math.exp(-x)) ** 2 / x, rel=2e-7)
 
 
+@pytest.mark.slow
 def test_the_best_wall_for_a_rectangular_wave_takes_0_81453() -> None:
     """The share is greatest at x = 1.25643."""
     best = first_pass_efficiency(1.25643, 1000)

@@ -30,6 +30,7 @@ def test_the_history_of_the_standard_is_counted_as_printed(slope: float) -> None
     assert damage_of(history, FLAT._replace(slope=slope)) == pytest.approx(expected, rel=1e-12)
 
 
+@pytest.mark.slow
 @given(st.lists(st.integers(-9, 9).map(float), min_size=2, max_size=60))
 def test_counted_ranges_add_up_to_the_way_of_the_history(history: list[float]) -> None:
     """A full cycle goes its range twice, half a cycle once: amplitudes add up to a quarter of the way."""

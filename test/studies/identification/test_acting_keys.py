@@ -110,6 +110,7 @@ def test_every_fault_and_operating_variable_changes_the_motion(name: str, overri
         assert models(entry.build(moved)) != healthy, offered.name
 
 
+@pytest.mark.slow
 def test_the_mass_of_a_rigid_tool_is_no_assumed_key_of_one_in_which_the_blow_is_a_wave() -> None:
     rigid = machine_parameters("mb10_breaker")
     assert {"tool.mass_kg", "tool.restitution"} <= {*assumed_keys("mb10_breaker", rigid)}

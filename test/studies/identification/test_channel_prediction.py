@@ -48,6 +48,7 @@ def sensors(name: str) -> MeasurementMap:
     return MeasurementMap.model_validate({"machine": name, "channels": channels})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CHANNELS)
 def test_a_channel_shows_the_roll_out_as_the_sensors_show_the_run(name: str) -> None:
     given = sensors(name)

@@ -21,6 +21,7 @@ def line_of(residuals: np.ndarray, columns: np.ndarray = COLUMNS) -> Linearised:
     return Linearised(columns, columns, residuals, labels, one, one)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("every", [1, 4], ids=["long", "short"])
 @pytest.mark.parametrize("memory", [0.0, 0.8], ids=["white", "correlated"])
 def test_nineteen_of_twenty_intervals_hold_the_truth(memory: float, every: int) -> None:
@@ -47,6 +48,7 @@ def test_nineteen_of_twenty_intervals_hold_the_truth(memory: float, every: int) 
     assert every > 1 or (plainly.mean() < 0.7 * REPEATS) == (memory > 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("memory", [0.0, 0.8], ids=["white", "correlated"])
 def test_an_unknown_that_one_block_tells_has_an_interval_of_the_size_of_its_error(memory: float) -> None:
     """As a restitution is told by the few bounces of a run, and by a weak trace of them elsewhere."""

@@ -172,6 +172,7 @@ def test_a_missing_feature_is_said_and_nothing_is_made_up() -> None:
     assert [found.charts is None for found in findings[6:10]] == [True, True, True, False]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("silent", [("feature_1",), ()], ids=["channel silent", "without meaning"])
 def test_a_feature_whose_channel_is_silent_is_a_finding_until_it_comes_again(silent: tuple[str, ...]) -> None:
     """A machine that strikes no more gives no impact, and its cycles would otherwise only not be judged."""

@@ -67,6 +67,7 @@ def test_a_fault_that_is_not_the_one_is_told_with_what_it_leaves_open(setup: Mon
     )
 
 
+@pytest.mark.slow
 def test_a_fault_that_is_not_known_is_refused_with_those_that_are(setup: MonitorSetup) -> None:
     with pytest.raises(StudyError, match="fault 'gone': expected one of soft, worn"):
         explanation(setup, UNITS, alarm_of(setup, 5), "gone")

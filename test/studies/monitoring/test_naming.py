@@ -65,6 +65,7 @@ def test_the_fault_is_named_and_its_size_lies_in_the_interval(setup: MonitorSetu
     assert inside >= 34  # of 40, at 95 % or more by the share that a model may be off: 33 or less has a chance of 2e-3
 
 
+@pytest.mark.slow
 def test_faults_that_look_alike_are_a_group(setup: MonitorSetup) -> None:
     found = last_of(setup, np.sqrt(0.3) * EFFECTS["worn"], 5)
     assert (found.verdict, found.finding) == ("group", "twin_of_worn or worn")
@@ -98,6 +99,7 @@ def test_an_opposite_effect_is_not_the_fault(setup: MonitorSetup) -> None:
     assert last_of(setup, -np.sqrt(0.3) * EFFECTS["soft"], 5).verdict == "unknown"
 
 
+@pytest.mark.slow
 def test_a_fault_whose_machine_no_longer_repeats_itself_is_named_by_its_scatter(setup: MonitorSetup) -> None:
     """The mean of some wild cycles fits nothing by the healthy scatter alone; with the scatter of the fault it does."""
     wild = np.array([9.0, 0.0, 0.0, -30.0])  # along it the cycles of the faulty machine scatter
@@ -160,6 +162,7 @@ def test_an_alert_tells_the_size_last_seen_until_its_fault_is_cleared_and_of_a_g
         assert alert.size_of in ("worn", "twin_of_worn")
 
 
+@pytest.mark.slow
 def test_a_fault_that_has_gone_keeps_the_size_it_had(setup: MonitorSetup) -> None:
     """The charts hold on to a change; the healthy cycles meanwhile are none of the fault's."""
     sizes = []
@@ -195,6 +198,7 @@ def test_a_standing_alarm_tells_the_largest_that_its_fault_has_been(
     assert np.mean(sizes) == pytest.approx(-0.3, abs=0.05)
 
 
+@pytest.mark.slow
 def test_a_standing_alarm_keeps_its_name(setup: MonitorSetup) -> None:
     """Whatever noise does in hundreds of cycles, and with another fault beside the first."""
     rows = autoregressive(2000, COEFFICIENTS, COVARIANCE, 100)
@@ -245,6 +249,7 @@ def test_the_operator_is_called_at_most_once_in_ten_minutes(setup: MonitorSetup)
     assert sum(found.announce for found in findings) == 1
 
 
+@pytest.mark.slow
 def test_the_estimated_change_is_unbiased_and_its_covariance_is_that_of_its_scatter(setup: MonitorSetup) -> None:
     baseline: Baseline = setup.baseline
     change, found = np.array([1.0, 2.0, -3.0, 0.5]), []

@@ -94,6 +94,7 @@ def spiking(times: np.ndarray, values: np.ndarray) -> Samples:
     return times, shown
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MACHINES)
 @pytest.mark.parametrize(
     ("wrong", "kind"),

@@ -93,6 +93,7 @@ async def test_without_the_token_nothing_is_told_and_nothing_done(tmp_path, toke
         assert orders == []
 
 
+@pytest.mark.slow
 @in_loop
 async def test_a_connection_that_shows_no_token_is_closed(tmp_path):
     async with served(tmp_path) as (bench, _), aiohttp.ClientSession() as session:

@@ -73,6 +73,7 @@ def _power(frame):
     return frame.forces.quantities.values[frame.forces.quantities.names.index("drive_power_w")]
 
 
+@pytest.mark.slow
 def test_headline_numbers_of_a_run_that_begins_anew_know_nothing_of_the_one_before():
     machine = built("mb10_breaker")
     first, again = Banner(machine.mechanism, machine.blow_energy), Banner(machine.mechanism, machine.blow_energy)
@@ -108,6 +109,7 @@ def later(frame, by_s):
     return moved._replace(linkage=moved.linkage._replace(events=events))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["mb10_breaker", "roller_former"])
 def test_headline_numbers_after_a_reset_know_nothing_of_the_time_before_it(name):
     """A reset returns to the initial state, and time goes on."""
@@ -173,6 +175,7 @@ def test_a_machine_whose_configuration_tells_no_rated_power_has_no_limit():
     assert power.most is None
 
 
+@pytest.mark.slow
 def test_pressing_force_and_contact_share_are_those_of_the_last_two_seconds():
     machine = built("mb10_breaker")
     banner = Banner(machine.mechanism, machine.blow_energy)
@@ -229,6 +232,7 @@ def test_what_came_after_the_last_drawing_is_shown_before_the_scene_closes():
     assert last["events"][-1][0] == happened[-1]
 
 
+@pytest.mark.slow
 def test_after_a_reset_the_drawing_is_to_the_scale_of_the_new_run():
     """Where a bad value once threw the mass far away, the machine would stay a point."""
     installed, thrown = built("impact_mass"), machine_of("impact_mass", overrides={"phase1_force_n": -1e6})
