@@ -169,7 +169,7 @@ def test_a_run_tells_frames_and_description_unasked_and_once_what_is_missing_for
 
 def test_the_description_of_a_page_bears_its_name(tmp_path: Path) -> None:
     parameters = machine_parameters(str(Path(__file__).parents[2] / "config/pages/spring_hammer.yaml"))
-    options = RunOptions(pace="max", duration_s=0.01, recorder=True)
+    options = RunOptions(pace="max", duration_s=3.0, recorder=True)
     run_in_process("page", parameters, options, tmp_path / "bag", None)
     (described,) = decoded_messages(tmp_path / "bag", f"/spring_hammer/{ROBOT_DESCRIPTION.name}")
     assert described.data.startswith('<robot name="spring_hammer">')
