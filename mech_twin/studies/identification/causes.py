@@ -122,7 +122,7 @@ def _causes(fitted: Fitted, whole: Fitted, line: Linearised) -> list[FitCause]:
 
     off = left_by_fit(line.residuals * weights)
 
-    def explained(column: Array) -> tuple[float, float, float]:
+    def won_by(column: Array) -> tuple[float, float, float]:
         own = left_by_fit(column)
         power, shared = float(own @ own), float(own @ off)
         if power <= LEAST_OWN * float(column @ column):
@@ -137,11 +137,11 @@ def _causes(fitted: Fitted, whole: Fitted, line: Linearised) -> list[FitCause]:
         is_open = problem.unknowns.of_channel(unknown.kind, 0, unknown.place) is not None
         if is_open or channel.of_events or (channel.turns and unknown.kind == GAIN):  # which would be the clock
             continue
-        won, score, step = explained(rows[:, i])
+        won, score, step = won_by(rows[:, i])
         words = partial(_of_sensor, unknown.kind, channel)
         found.append(FitCause(won, score, (float(x[i]) + step) * unknown.scale, words, partial(_open, fitted, unknown)))
     for row, (key, (mean, deviation)) in zip(priors, whole.problem.priors.items(), strict=True):
-        won, score, step = explained(np.where(np.arange(len(rows)) == row, robust, 0.0))
+        won, score, step = won_by(np.where(np.arange(len(rows)) == row, robust, 0.0))
         repeated = partial(_without_prior, fitted, key)
         found.append(FitCause(won, score, mean - step * deviation, partial(_of_prior, key), repeated))
     times, by_delay = np.zeros(len(rows)), (rows[:, lags] / unknowns.scales[lags]).sum(axis=1)
@@ -150,9 +150,9 @@ def _causes(fitted: Fitted, whole: Fitted, line: Linearised) -> list[FitCause]:
         if problem.runs[i].channels[j].of_instants:
             of_channel = line.channels == number
             by_delay[of_channel] = -robust[of_channel] / fitted.comparison.sigmas[j]
-    found.append(FitCause(*explained(by_delay * times), _of_clock, partial(_other_clock, fitted)))
+    found.append(FitCause(*won_by(by_delay * times), _of_clock, partial(_other_clock, fitted)))
     if all(run.begin_s is not None for run in problem.runs):
-        found.append(FitCause(*explained(-by_delay), _of_begin, partial(_begun, fitted)))
+        found.append(FitCause(*won_by(-by_delay), _of_begin, partial(_begun, fitted)))
     return found
 
 

@@ -258,7 +258,10 @@ class Observation(NamedTuple):
 
 
 class Correction(NamedTuple):
-    """Filter after a sample: state before the step, corrected prediction, innovations with sigma, mask of used ones."""
+    """Filter after a sample: state before the step, corrected prediction, innovations with sigma, mask of used ones.
+
+    Used are those within the gate.  A correction after which no step can begin is left out.
+    """
 
     state: FilterState
     prediction: Prediction
